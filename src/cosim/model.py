@@ -1,0 +1,437 @@
+"""How a component is declared: parameters, records of variables, and the functions its equations may use.
+
+A component is a class in one file. Its parameters are fields, its states, inputs and outputs nested
+records, its equations pure methods. Everything else (FMUs, XML, documentation) is derived from it::
+
+    class Lag(Plant):
+        \"\"\"First-order lag.
+
+            der(position) = (gain*command - position)/time_constant
+
+        Source: any textbook.
+        \"\"\"
+
+        gain: float = parameter(2.0, "m/V", "Static gain")
+        time_constant: float = parameter(0.1, "s", "Time constant", min=1e-6)
+
+        class State(Record):
+            position: float = variable(0.0, "m", "Position")
+
+        class Input(Record):
+            command: float = variable(0.0, "V", "Command")
+
+        class Output(Record):
+            position: float = variable(0.0, "m", "Position")
+
+        def derivative(self, t: float, x: State, u: Input) -> State:
+            return self.State(position=(self.gain * u.command - x.position) / self.time_constant)
+
+        def output(self, t: float, x: State, u: Input) -> Output:
+            return self.Output(position=x.position)
+
+The methods run on plain numbers (the reference) and on symbols (the export), so on values they use only
+arithmetic, comparisons and the functions of this module: ``where`` for ``if``, ``both`` for ``and``, ``clip``
+for ``min`` and ``max``. Parameters that are ``bool`` or a ``Choice`` are known when the equations are traced
+(every combination is traced), so a plain ``if self.integral_surface:`` is right for them.
+
+This module needs the standard library only: it travels inside Python FMUs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, dataclass, field, fields
+from enum import Enum
+from typing import Any, ClassVar, Literal, TypeVar, cast, dataclass_transform
+
+from .errors import DescriptionError
+
+T = TypeVar("T")
+Variability = Literal["fixed", "tunable"]
+
+
+class Choice(Enum):
+    """An enumeration parameter: ``name = number, "text"`` a member, numbers from 1."""
+
+    def __init__(self, number: int, text: str) -> None:
+        self.number = number
+        self.text = text
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """One declaration line: what a parameter or variable is. ``start`` is a tuple for an array."""
+
+    name: str
+    """Name in FMUs; elements of an array are ``name[1]``, ``name[2]`` ..."""
+    attribute: str
+    """Name in Python."""
+    start: Any
+    unit: str
+    text: str
+    min: float
+    max: float
+    nominal: float
+    display_unit: str | None
+    variability: Variability
+    discrete: bool
+
+    @property
+    def length(self) -> int | None:
+        """Number of elements of an array, None for a scalar."""
+        return len(cast(tuple[float, ...], self.start)) if isinstance(self.start, tuple) else None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The scalar names: one, or one an element."""
+        if self.length is None:
+            return (self.name,)
+        return tuple(f"{self.name}[{i + 1}]" for i in range(self.length))
+
+    @property
+    def is_discrete_choice(self) -> bool:
+        """Whether every value of this parameter is traced on its own (``bool`` or ``Choice``)."""
+        return isinstance(self.start, bool | Choice)
+
+
+def _declare(start: Any, **metadata: Any) -> Any:
+    return field(default=start, metadata=metadata)
+
+
+def parameter(
+    start: T,
+    unit: str,
+    text: str,
+    *,
+    min: float = -math.inf,
+    max: float = math.inf,
+    nominal: float = 1.0,
+    display_unit: str | None = None,
+    variability: Variability = "fixed",
+    name: str | None = None,
+) -> T:
+    """Declare a parameter: start value, unit, text, bounds.
+
+    ``start`` may be a float, int, bool, ``Choice`` member or tuple of floats (array of fixed length).
+    ``tunable`` parameters may be changed during a run. ``name`` is the name in FMUs if it is not the attribute's.
+    """
+    return cast(
+        T,
+        _declare(
+            start,
+            unit=unit,
+            text=text,
+            min=min,
+            max=max,
+            nominal=nominal,
+            display_unit=display_unit,
+            variability=variability,
+            name=name,
+            discrete=False,
+        ),
+    )
+
+
+def variable(
+    start: T,
+    unit: str,
+    text: str,
+    *,
+    min: float = -math.inf,
+    max: float = math.inf,
+    nominal: float = 1.0,
+    display_unit: str | None = None,
+    discrete: bool = False,
+    name: str | None = None,
+) -> T:
+    """Declare a state, input or output of a ``Record``.
+
+    ``nominal`` is the order of magnitude; the integrator's absolute tolerance of a state is its tolerance
+    times it. ``discrete`` marks a state of a ``Plant`` that ``update`` sets and integration leaves alone.
+    """
+    return cast(
+        T,
+        _declare(
+            start,
+            unit=unit,
+            text=text,
+            min=min,
+            max=max,
+            nominal=nominal,
+            display_unit=display_unit,
+            variability="fixed",
+            name=name,
+            discrete=discrete,
+        ),
+    )
+
+
+def declarations(owner: type[Record] | type[Component]) -> tuple[Declaration, ...]:
+    """The declaration lines of a record or of a component's parameters, in order."""
+    found: list[Declaration] = []
+    for item in fields(cast(Any, owner)):
+        if item.default is MISSING or "unit" not in item.metadata:
+            raise DescriptionError(f"{owner.__name__}.{item.name}: declare it with parameter(...) or variable(...).")
+        metadata = dict(item.metadata)
+        name = metadata.pop("name") or item.name.rstrip("_")
+        found.append(Declaration(name=name, attribute=item.name, start=item.default, **metadata))
+    return tuple(found)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+class Record:
+    """A frozen set of named values; subclasses list their members with ``variable``."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __iter__(self) -> Iterator[Any]:
+        """The scalar values in order, arrays flattened."""
+        for item in fields(cast(Any, self)):
+            value = getattr(self, item.name)
+            if isinstance(value, tuple):
+                yield from cast(tuple[Any, ...], value)
+            else:
+                yield value
+
+
+def fill(owner: type[Any], values: Iterator[Any]) -> dict[str, Any]:
+    """Keyword arguments for ``owner`` taken from flat ``values``, arrays gathered; the inverse of iterating."""
+    arguments: dict[str, Any] = {}
+    for declaration in declarations(owner):
+        if declaration.length is None:
+            arguments[declaration.attribute] = next(values)
+        else:
+            arguments[declaration.attribute] = tuple(next(values) for _ in range(declaration.length))
+    return arguments
+
+
+class Nothing(Record):
+    """A record without members."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A condition between parameters; ``text`` says what must hold and what to do."""
+
+    condition: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The default experiment of a component, in seconds."""
+
+    stop_time: float
+    step_size: float
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+class Component:
+    """Base of ``Plant``, ``Controller`` and ``Source``; not used itself.
+
+    Creating one checks its parameters and raises DescriptionError with every value out of bounds.
+    """
+
+    State: ClassVar[type[Record]] = Nothing
+    Input: ClassVar[type[Record]] = Nothing
+    Output: ClassVar[type[Record]] = Nothing
+    experiment: ClassVar[Experiment] = Experiment(stop_time=10.0, step_size=1e-4)
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __post_init__(self) -> None:
+        problems = parameter_problems(self)
+        if problems:
+            raise DescriptionError(problems)
+
+    def initial(self) -> Any:
+        """The state at the start, from parameters; the declared start values unless overridden."""
+        return self.State()
+
+    def rules(self) -> tuple[Rule, ...]:
+        """Conditions between parameters, checked when initialization ends; none unless overridden."""
+        return ()
+
+
+class Plant(Component):
+    """A continuous-time component: ``derivative`` is integrated, inputs are held over a communication step."""
+
+    tolerance: float = parameter(
+        1e-6, "1", "Relative tolerance of the integrator", min=1e-12, max=1e-2, nominal=1e-6
+    )
+
+    def derivative(self, t: float, x: Any, u: Any) -> Any:
+        """Time derivatives as a ``State``; discrete members are ignored."""
+        raise NotImplementedError
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        """The ``Output`` at time ``t``."""
+        raise NotImplementedError
+
+    def update(self, t: float, x: Any, u: Any) -> Any:
+        """The ``State`` whose discrete members replace those of ``x`` after each accepted integration step."""
+        return x
+
+
+class Controller(Component):
+    """A sampled component: at each ``start + k*T_s`` first ``output``, then ``update``."""
+
+    T_s: float = parameter(1e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        """The ``Output`` of sample ``k`` from the state and the inputs at that sample."""
+        raise NotImplementedError
+
+    def update(self, t: float, x: Any, u: Any, y: Any) -> Any:
+        """The ``State`` of sample ``k + 1``; ``y`` is the realised (saturated) output of sample ``k``."""
+        return x
+
+
+class Source(Component):
+    """A function of time and parameters only."""
+
+    def output(self, t: float) -> Any:
+        """The ``Output`` at time ``t``."""
+        raise NotImplementedError
+
+
+def parameter_problems(component: Component) -> list[str]:
+    """Every parameter of ``component`` that is not finite or out of its bounds, and every broken rule."""
+    problems: list[str] = []
+    kind = type(component).__name__
+    for declaration in declarations(type(component)):
+        value = getattr(component, declaration.attribute)
+        values = cast(tuple[Any, ...], value) if isinstance(value, tuple) else (value,)
+        for name, item in zip(declaration.names, values, strict=False):
+            if isinstance(item, bool) or not isinstance(item, int | float):
+                continue
+            problem = bound_problem(item, declaration)
+            if problem:
+                problems.append(f"{kind}.{name} = {item:g} {declaration.unit}: {problem}")
+        if declaration.length is not None and len(values) != declaration.length:
+            problems.append(f"{kind}.{declaration.name} has {len(values)} elements: give {declaration.length}.")
+    if not problems:
+        problems += [f"{kind}: {rule.text}" for rule in component.rules() if rule.condition is False]
+    return problems
+
+
+def bound_problem(value: float, declaration: Declaration) -> str:
+    """What is wrong with ``value`` for ``declaration``, or ``""``."""
+    unit = declaration.unit
+    if not math.isfinite(value):
+        return "must be finite. Give a number."
+    if value < declaration.min:
+        return f"below its minimum {declaration.min:g} {unit}. Give at least that."
+    if value > declaration.max:
+        return f"above its maximum {declaration.max:g} {unit}. Give at most that."
+    return ""
+
+
+# Functions of equations. On plain numbers they are those of ``math``; a symbol brings methods of the same names.
+
+
+def _apply(function: Callable[[float], float], name: str, x: object) -> float:
+    if isinstance(x, int | float):
+        return function(x)
+    return cast(float, getattr(x, name)())
+
+
+def exp(x: float) -> float:
+    """e**x."""
+    return _apply(math.exp, "exp", x)
+
+
+def log(x: float) -> float:
+    """Natural logarithm."""
+    return _apply(math.log, "log", x)
+
+
+def sqrt(x: float) -> float:
+    """Square root."""
+    return _apply(math.sqrt, "sqrt", x)
+
+
+def sin(x: float) -> float:
+    """Sine of an angle in rad."""
+    return _apply(math.sin, "sin", x)
+
+
+def cos(x: float) -> float:
+    """Cosine of an angle in rad."""
+    return _apply(math.cos, "cos", x)
+
+
+def tanh(x: float) -> float:
+    """Hyperbolic tangent."""
+    return _apply(math.tanh, "tanh", x)
+
+
+def floor(x: float) -> float:
+    """Largest whole number not above x, as a float."""
+    return _apply(lambda value: float(math.floor(value)), "floor", x)
+
+
+def sign(x: float) -> float:
+    """-1, 0 or 1."""
+    return _apply(lambda value: float((value > 0) - (value < 0)), "sign", x)
+
+
+def where(condition: bool, one: float, other: float) -> float:
+    """``one`` where the condition holds, else ``other``. Both are evaluated: both must be finite."""
+    if isinstance(cast(object, condition), bool):
+        return one if condition else other
+    return cast(float, cast(Any, condition).where(one, other))
+
+
+def both(one: bool, other: bool) -> bool:
+    """Logical and."""
+    if isinstance(cast(object, one), bool) and isinstance(cast(object, other), bool):
+        return one and other
+    return one & other
+
+
+def either(one: bool, other: bool) -> bool:
+    """Logical or."""
+    if isinstance(cast(object, one), bool) and isinstance(cast(object, other), bool):
+        return one or other
+    return one | other
+
+
+def minimum(one: float, other: float) -> float:
+    """The smaller of two values."""
+    return where(one < other, one, other)
+
+
+def maximum(one: float, other: float) -> float:
+    """The larger of two values."""
+    return where(one > other, one, other)
+
+
+def clip(value: float, low: float, high: float) -> float:
+    """``value`` limited to ``low`` ... ``high``."""
+    return maximum(low, minimum(value, high))
+
+
+def round_to(value: float, resolution: float) -> float:
+    """``value`` rounded half up to a multiple of ``resolution``; unchanged where the resolution is 0."""
+    return where(
+        resolution > 0.0,
+        resolution * floor(value / where(resolution > 0.0, resolution, 1.0) + 0.5),
+        value,
+    )
+
+
+def interpolate(x: float, x_nodes: tuple[float, ...], y_nodes: tuple[float, ...]) -> float:
+    """Piecewise linear through ascending nodes, the end values held outside.
+
+    A sum over the intervals, so that it can be traced; equal neighbouring ``x_nodes`` add nothing.
+    """
+    y = y_nodes[0]
+    for i in range(len(x_nodes) - 1):
+        width = x_nodes[i + 1] - x_nodes[i]
+        slope = (y_nodes[i + 1] - y_nodes[i]) / where(width > 0.0, width, 1.0)
+        y = y + slope * clip(x - x_nodes[i], 0.0, where(width > 0.0, width, 0.0))
+    return y
