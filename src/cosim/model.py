@@ -80,7 +80,8 @@ class Declaration:
     @property
     def length(self) -> int | None:
         """Number of elements of an array, None for a scalar."""
-        return len(cast(tuple[float, ...], self.start)) if isinstance(self.start, tuple) else None
+        start = cast("tuple[float, ...] | float", self.start)
+        return len(start) if isinstance(start, tuple) else None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -174,7 +175,7 @@ def declarations(owner: type[Record] | type[Component]) -> tuple[Declaration, ..
         if item.default is MISSING or "unit" not in item.metadata:
             raise DescriptionError(f"{owner.__name__}.{item.name}: declare it with parameter(...) or variable(...).")
         metadata = dict(item.metadata)
-        name = metadata.pop("name") or item.name.rstrip("_")
+        name = metadata.pop("name") or item.name
         found.append(Declaration(name=name, attribute=item.name, start=item.default, **metadata))
     return tuple(found)
 
@@ -259,9 +260,7 @@ class Component:
 class Plant(Component):
     """A continuous-time component: ``derivative`` is integrated, inputs are held over a communication step."""
 
-    tolerance: float = parameter(
-        1e-6, "1", "Relative tolerance of the integrator", min=1e-12, max=1e-2, nominal=1e-6
-    )
+    tolerance: float = parameter(1e-6, "1", "Relative tolerance of the integrator", min=1e-12, max=1e-2, nominal=1e-6)
 
     def derivative(self, t: float, x: Any, u: Any) -> Any:
         """Time derivatives as a ``State``; discrete members are ignored."""
