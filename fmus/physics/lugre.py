@@ -1,0 +1,64 @@
+"""LuGre friction of one contact, as pure functions; in rad and N.m at a screw, or in m and N at a guide.
+
+    level     = F_C + (F_S - F_C)*exp(-(speed/v_s)^2)              (sigma_0*g(speed))
+    der(z)    = speed - sigma_0*abs(speed)*z/level
+    friction  = sigma_0*z + sigma_1*der(z) + sigma_2*speed
+
+``z`` is the mean deflection of the bristles. Friction opposes motion: it is positive for positive speed and is
+subtracted from the driving force. Without Stribeck effect F_S equals F_C, and v_s is any positive number.
+A level of 0 means that there is no contact: z stays where it is (start it at 0) and only sigma_2*speed is left.
+Every expression and its derivatives are finite for finite arguments.
+
+Valid for one contact at constant normal load. With constant sigma_1 the model is passive only where
+sigma_1 < 4*level/abs(speed), as its authors and later work note.
+
+Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with friction,
+IEEE Trans. Automatic Control 40(3), 1995, eqs. (1)-(4); Shams & Safdari, Fuzzy sliding mode control of a ball
+screw driven stage, Motion Control (IntechOpen), 2010, sec. 2.3 and eq. (3).
+"""
+
+from __future__ import annotations
+
+from cosim.model import exp, sign, where
+
+BRISTLE_NOMINAL = 1e-5
+"""Order of magnitude of a bristle's deflection in rad: declare a state ``z`` with this nominal value."""
+
+
+def friction_level(speed: float, F_C: float, F_S: float, v_s: float) -> float:
+    """Magnitude of the friction of steady sliding without its viscous part, in the unit of ``F_C``.
+
+    F_C of sliding at high speed, F_S at the limit of standstill, v_s the Stribeck speed (> 0).
+    """
+    return F_C + (F_S - F_C) * exp(-((speed / v_s) ** 2))
+
+
+def bristle_rate(z: float, speed: float, level: float, sigma_0: float) -> float:
+    """Time derivative of the deflection ``z``; 0 where ``level`` is 0. ``level`` from ``friction_level``."""
+    rate = speed - sigma_0 * abs(speed) * z / where(level > 0.0, level, 1.0)
+    return where(level > 0.0, rate, 0.0)
+
+
+def friction(z: float, z_rate: float, speed: float, *, sigma_0: float, sigma_1: float, sigma_2: float) -> float:
+    """Friction force or torque, positive where it opposes positive speed. ``z_rate`` from ``bristle_rate``."""
+    return sigma_0 * z + sigma_1 * z_rate + sigma_2 * speed
+
+
+def steady_bristle(speed: float, level: float, sigma_0: float) -> float:
+    """Deflection of steady sliding at ``speed``; 0 at standstill. ``sigma_0`` > 0."""
+    return sign(speed) * level / sigma_0
+
+
+def steady_friction(speed: float, level: float, sigma_2: float) -> float:
+    """Friction of steady sliding at ``speed`` (the Stribeck curve); 0 at standstill."""
+    return sign(speed) * level + sigma_2 * speed
+
+
+def observer_step(z: float, speed: float, level: float, sigma_0: float, T_s: float) -> float:
+    """Deflection one sampling time later, ``speed`` held: one step of backward Euler, stable for any ``T_s``.
+
+        z[k+1] = z[k] + T_s*(speed - sigma_0*abs(speed)*z[k+1]/level)
+
+    Steady sliding is kept exactly. ``level`` must be positive.
+    """
+    return (z + T_s * speed) / (1.0 + T_s * sigma_0 * abs(speed) / level)

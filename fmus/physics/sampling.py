@@ -1,0 +1,69 @@
+"""What sampled controllers share: the measured velocity, saturation of the command, hold of an integrator.
+
+A controller that estimates its velocity keeps three discrete states, all starting at 0::
+
+    started         1 after the first sample
+    position_last   position of the sample before
+    velocity_last   velocity estimate of the sample before
+
+Source: the laws are elementary; the velocity estimate is that of Rubio, Ibeas & Luo 2015 (backward difference and
+first-order filter), the hold of the integrator is the conditional integration of Astrom & Hagglund,
+Advanced PID Control, ISA, 2006, sec. 3.5.
+"""
+
+from __future__ import annotations
+
+from cosim.model import Choice, both, clip, exp, where
+
+
+class VelocitySource(Choice):
+    """Where a controller takes the measured velocity from."""
+
+    input = 1, "Input velocity"
+    difference = 2, "Backward difference of position with first-order filter"
+
+
+def filter_pole(T_s: float, time_constant: float) -> float:
+    """Pole exp(-T_s/time_constant) of a sampled first-order filter; 0 (no filter) where the constant is 0."""
+    return where(time_constant > 0.0, exp(-T_s / where(time_constant > 0.0, time_constant, 1.0)), 0.0)
+
+
+def velocity_estimate(
+    source: VelocitySource,
+    started: float,
+    position: float,
+    velocity: float,
+    *,
+    position_last: float,
+    velocity_last: float,
+    T_s: float,
+    filter_time: float,
+) -> float:
+    """Measured velocity at this sample.
+
+        input:       velocity
+        difference:  a*velocity_last + (1 - a)*(position - position_last)/T_s,   a = exp(-T_s/filter_time)
+
+    ``started`` is 0 at the first sample and 1 afterwards. At the first sample there is no position before: the
+    estimate is ``velocity`` there (0 where that input is not connected).
+    """
+    if source is VelocitySource.input:
+        return velocity
+    pole = filter_pole(T_s, filter_time)
+    difference = pole * velocity_last + (1.0 - pole) * (position - position_last) / T_s
+    return where(started > 0.5, difference, velocity)
+
+
+def saturate(command: float, command_max: float) -> float:
+    """``command`` limited to -command_max ... command_max; unlimited where ``command_max`` is 0."""
+    return where(command_max > 0.0, clip(command, -command_max, command_max), command)
+
+
+def winds_up(command: float, command_max: float, push: float) -> bool:
+    """Whether the realised ``command`` is at its limit and an integrator would drive it further out.
+
+    ``push`` has the sign in which the coming increment of the integrator moves the command. Never where
+    ``command_max`` is 0.
+    """
+    at_limit = both(command_max > 0.0, abs(command) >= command_max)
+    return both(at_limit, command * push > 0.0)
