@@ -1,0 +1,229 @@
+"""Plant ``CompliantBallscrew``: two inertias, nut stiffness or backlash between them, LuGre friction at both."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from cosim.model import (
+    Choice,
+    Experiment,
+    Plant,
+    Record,
+    maximum,
+    minimum,
+    parameter,
+    round_to,
+    sin,
+    tanh,
+    variable,
+    where,
+)
+from fmus.physics.lugre import bristle_rate, friction, friction_level, steady_bristle
+from fmus.physics.sampling import saturate
+
+
+class BristleStart(Choice):
+    """State of the bristles at the start."""
+
+    rest = 1, "Undeflected"
+    sliding = 2, "Steady sliding at the start velocity"
+
+
+class CompliantBallscrew(Plant):
+    """Ballscrew stage of two inertias: screw with motor and table, joined by an elastic nut that may have backlash.
+
+        der(angle)    = speed
+        J*der(speed)  = K_m*current - friction_torque - load_torque - l_p*nut_force
+        der(position) = velocity
+        m*der(velocity) = nut_force - guide_friction - load_force
+        friction_torque = LuGre(speed) + T_cm*tanh(speed/omega_cm),   guide_friction = LuGre(velocity)
+        d = l_p*angle - position
+        without backlash: nut_force = K_n*d + C_n*der(d)
+        with backlash:    nut_force = max(0, K_n*(d - gap_plus) + C_n*der(d))    where d > gap_plus
+                          nut_force = min(0, K_n*(d + gap_minus) + C_n*der(d))   where d < -gap_minus
+                          nut_force = 0                                          between
+
+    Positive current moves the table to positive position; positive loads and frictions oppose positive motion. The
+    limits at 0 keep the nut from sticking: an impact is a spring and damper that push only. The current follows the
+    command at once, limited to +-current_max. The friction levels F_C and F_S of both contacts are multiplied by
+    friction_scale*(1 + drift_amplitude*sin(2*pi*drift_frequency*t)), and for negative velocity by
+    level_factor_negative; their viscous coefficients by viscous_factor_negative. F_C = F_S = 0 leaves sigma_2 only.
+
+    The state holds d instead of the angle: forces between the inertias then do not lose digits far from the origin.
+    Resolutions round the measured positions only. Valid for motion without end stops and for a current loop much
+    faster than the nut mode; back-EMF and voltage limit are left out.
+
+    Start values: the stage of Maeda & Sato with LuGre friction in place of its stick rule; sigma_0 and sigma_1 are
+    not in the paper (sigma_1 gives its practical stability limit).
+
+    Source: Maeda & Sato, Practical control method for ultra-precision positioning using a ballscrew mechanism,
+    Precision Engineering 32, 2008, table 1 and fig. 2; Shams & Safdari, Motion Control (IntechOpen), 2010, sec. 5
+    (backlash); Feng et al. 2015 (two-mass axis with motor friction); Canudas de Wit et al. 1995 (LuGre).
+    """
+
+    K_m: float = parameter(0.172, "N.m/A", "Torque constant of the motor", min=0.0, nominal=0.1)
+    J: float = parameter(1.81e-4, "kg.m2", "Inertia of motor and screw", min=1e-9, nominal=1e-4)
+    m: float = parameter(3.57, "kg", "Mass of the table", min=1e-6)
+    l_p: float = parameter(3.183098861837907e-4, "m/rad", "Table travel a radian of the screw", min=1e-9, nominal=1e-3)
+    K_n: float = parameter(8.3e5, "N/m", "Axial stiffness of nut and screw", min=0.0, nominal=1e6)
+    C_n: float = parameter(1700.0, "N.s/m", "Axial damping of nut and screw", min=0.0, nominal=1e3)
+    current_max: float = parameter(6.0, "A", "Limit of the current, 0 for none", min=0.0)
+
+    sigma_0: float = parameter(14.6, "N.m/rad", "Bristle stiffness at the screw", min=1e-9)
+    sigma_1: float = parameter(0.072, "N.m.s/rad", "Bristle damping at the screw", min=0.0)
+    sigma_2: float = parameter(9.7e-4, "N.m.s/rad", "Viscous friction at the screw", min=0.0, nominal=1e-3)
+    F_C: float = parameter(0.046, "N.m", "Coulomb friction at the screw", min=0.0)
+    F_S: float = parameter(0.046, "N.m", "Static friction at the screw", min=0.0)
+    v_s: float = parameter(1.0, "rad/s", "Stribeck speed at the screw", min=1e-9)
+    T_cm: float = parameter(0.0, "N.m", "Coulomb friction of the motor, smoothed", min=0.0)
+    omega_cm: float = parameter(0.1, "rad/s", "Speed over which the motor friction changes sign", min=1e-9)
+
+    guide_sigma_0: float = parameter(2e7, "N/m", "Bristle stiffness at the guide", min=1e-6, nominal=1e7)
+    guide_sigma_1: float = parameter(0.0, "N.s/m", "Bristle damping at the guide", min=0.0, nominal=1e4)
+    guide_sigma_2: float = parameter(0.0, "N.s/m", "Viscous friction at the guide", min=0.0, nominal=100.0)
+    guide_F_C: float = parameter(0.0, "N", "Coulomb friction at the guide", min=0.0)
+    guide_F_S: float = parameter(0.0, "N", "Static friction at the guide", min=0.0)
+    guide_v_s: float = parameter(2e-3, "m/s", "Stribeck velocity at the guide", min=1e-12, nominal=1e-3)
+
+    friction_scale: float = parameter(1.0, "1", "Factor on the friction levels", min=0.0, variability="tunable")
+    level_factor_negative: float = parameter(1.0, "1", "Factor on the friction levels for negative velocity", min=0.0)
+    viscous_factor_negative: float = parameter(1.0, "1", "Factor on sigma_2 for negative velocity", min=0.0)
+    drift_amplitude: float = parameter(0.0, "1", "Relative amplitude of the drift of friction", min=0.0, max=0.99)
+    drift_frequency: float = parameter(0.0, "Hz", "Frequency of the drift of friction", min=0.0)
+
+    backlash: bool = parameter(False, "1", "Dead band between nut and screw")
+    gap_plus: float = parameter(
+        5e-6, "m", "Gap of the dead band, screw ahead", min=0.0, nominal=1e-6, display_unit="um"
+    )
+    gap_minus: float = parameter(
+        5e-6, "m", "Gap of the dead band, screw behind", min=0.0, nominal=1e-6, display_unit="um"
+    )
+
+    position_resolution: float = parameter(
+        0.0, "m", "Resolution of position, 0 for none", min=0.0, nominal=1e-9, display_unit="um"
+    )
+    motor_resolution: float = parameter(
+        0.0, "m", "Resolution of motor_position, 0 for none", min=0.0, nominal=1e-9, display_unit="um"
+    )
+    position_start: float = parameter(0.0, "m", "Position at the start", display_unit="mm")
+    velocity_start: float = parameter(0.0, "m/s", "Velocity of table and screw at the start", display_unit="mm/s")
+    bristle_start: BristleStart = parameter(BristleStart.rest, "1", "Bristles at the start")
+
+    experiment: ClassVar[Experiment] = Experiment(stop_time=1.0, step_size=2e-4)
+
+    class State(Record):
+        position: float = variable(0.0, "m", "Position of the table", nominal=1e-4, display_unit="mm")
+        velocity: float = variable(0.0, "m/s", "Velocity of the table", nominal=1e-3, display_unit="mm/s")
+        deflection: float = variable(0.0, "m", "Travel of the screw less that of the table", nominal=1e-6)
+        speed: float = variable(0.0, "rad/s", "Speed of the screw", nominal=1.0)
+        bristle: float = variable(0.0, "rad", "Bristle deflection at the screw", nominal=1e-4)
+        guide_bristle: float = variable(0.0, "m", "Bristle deflection at the guide", nominal=1e-6)
+
+    class Input(Record):
+        command: float = variable(0.0, "A", "Current command")
+        load_force: float = variable(0.0, "N", "Force on the table, positive against positive motion")
+        load_torque: float = variable(0.0, "N.m", "Torque on the screw, positive against positive motion")
+
+    class Output(Record):
+        position: float = variable(0.0, "m", "Measured position of the table", display_unit="mm")
+        velocity: float = variable(0.0, "m/s", "Velocity of the table", display_unit="mm/s")
+        motor_position: float = variable(0.0, "m", "Measured travel of the screw", display_unit="mm")
+        motor_velocity: float = variable(0.0, "m/s", "Velocity of the screw's travel", display_unit="mm/s")
+        angle: float = variable(0.0, "rad", "Angle of the screw")
+        speed: float = variable(0.0, "rad/s", "Speed of the screw")
+        nut_force: float = variable(0.0, "N", "Force of the nut on the table")
+        friction_torque: float = variable(0.0, "N.m", "Friction at screw and motor")
+        guide_friction: float = variable(0.0, "N", "Friction at the guide")
+        current: float = variable(0.0, "A", "Motor current")
+
+    def initial(self) -> State:
+        """Both inertias at the start velocity, the nut relaxed."""
+        speed = self.velocity_start / self.l_p
+        bristle = guide_bristle = 0.0
+        if self.bristle_start is BristleStart.sliding:
+            bristle = steady_bristle(speed, self._screw_level(0.0, speed), self.sigma_0)
+            guide_bristle = steady_bristle(
+                self.velocity_start, self._guide_level(0.0, self.velocity_start), self.guide_sigma_0
+            )
+        return self.State(
+            position=self.position_start,
+            velocity=self.velocity_start,
+            speed=speed,
+            bristle=bristle,
+            guide_bristle=guide_bristle,
+        )
+
+    def _level_factor(self, t: float, speed: float) -> float:
+        drift = 1.0 + self.drift_amplitude * sin(6.283185307179586 * self.drift_frequency * t)
+        return self.friction_scale * drift * where(speed < 0.0, self.level_factor_negative, 1.0)
+
+    def _screw_level(self, t: float, speed: float) -> float:
+        return self._level_factor(t, speed) * friction_level(speed, self.F_C, self.F_S, self.v_s)
+
+    def _guide_level(self, t: float, velocity: float) -> float:
+        level = friction_level(velocity, self.guide_F_C, self.guide_F_S, self.guide_v_s)
+        return self._level_factor(t, velocity) * level
+
+    def _bristle_rates(self, t: float, x: State) -> tuple[float, float]:
+        return (
+            bristle_rate(x.bristle, x.speed, self._screw_level(t, x.speed), self.sigma_0),
+            bristle_rate(x.guide_bristle, x.velocity, self._guide_level(t, x.velocity), self.guide_sigma_0),
+        )
+
+    def _frictions(self, x: State, bristle_rate: float, guide_bristle_rate: float) -> tuple[float, float]:
+        """Friction torque at screw and motor, friction force at the guide."""
+        torque = friction(
+            x.bristle,
+            bristle_rate,
+            x.speed,
+            sigma_0=self.sigma_0,
+            sigma_1=self.sigma_1,
+            sigma_2=self.sigma_2 * where(x.speed < 0.0, self.viscous_factor_negative, 1.0),
+        )
+        force = friction(
+            x.guide_bristle,
+            guide_bristle_rate,
+            x.velocity,
+            sigma_0=self.guide_sigma_0,
+            sigma_1=self.guide_sigma_1,
+            sigma_2=self.guide_sigma_2 * where(x.velocity < 0.0, self.viscous_factor_negative, 1.0),
+        )
+        return torque + self.T_cm * tanh(x.speed / self.omega_cm), force
+
+    def _nut_force(self, x: State) -> float:
+        rate = self.l_p * x.speed - x.velocity
+        if not self.backlash:
+            return self.K_n * x.deflection + self.C_n * rate
+        push = maximum(0.0, self.K_n * (x.deflection - self.gap_plus) + self.C_n * rate)
+        pull = minimum(0.0, self.K_n * (x.deflection + self.gap_minus) + self.C_n * rate)
+        return where(x.deflection > self.gap_plus, push, where(x.deflection < -self.gap_minus, pull, 0.0))
+
+    def derivative(self, t: float, x: State, u: Input) -> State:
+        bristle_rate, guide_bristle_rate = self._bristle_rates(t, x)
+        torque, force = self._frictions(x, bristle_rate, guide_bristle_rate)
+        nut_force = self._nut_force(x)
+        drive = self.K_m * saturate(u.command, self.current_max)
+        return self.State(
+            position=x.velocity,
+            velocity=(nut_force - force - u.load_force) / self.m,
+            deflection=self.l_p * x.speed - x.velocity,
+            speed=(drive - torque - u.load_torque - self.l_p * nut_force) / self.J,
+            bristle=bristle_rate,
+            guide_bristle=guide_bristle_rate,
+        )
+
+    def output(self, t: float, x: State, u: Input) -> Output:
+        torque, force = self._frictions(x, *self._bristle_rates(t, x))
+        travel = x.position + x.deflection
+        return self.Output(
+            position=round_to(x.position, self.position_resolution),
+            velocity=x.velocity,
+            motor_position=round_to(travel, self.motor_resolution),
+            motor_velocity=self.l_p * x.speed,
+            angle=travel / self.l_p,
+            speed=x.speed,
+            nut_force=self._nut_force(x),
+            friction_torque=torque,
+            guide_friction=force,
+            current=saturate(u.command, self.current_max),
+        )
