@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 from cosim.model import (
-    Choice,
     Experiment,
     Plant,
     Record,
+    Rule,
+    either,
     maximum,
     minimum,
     parameter,
@@ -21,12 +22,7 @@ from cosim.model import (
 from fmus.physics.lugre import bristle_rate, friction, friction_level, steady_bristle
 from fmus.physics.sampling import saturate
 
-
-class BristleStart(Choice):
-    """State of the bristles at the start."""
-
-    rest = 1, "Undeflected"
-    sliding = 2, "Steady sliding at the start velocity"
+TWO_PI = 6.283185307179586
 
 
 class CompliantBallscrew(Plant):
@@ -45,9 +41,9 @@ class CompliantBallscrew(Plant):
 
     Positive current moves the table to positive position; positive loads and frictions oppose positive motion. The
     limits at 0 keep the nut from sticking: an impact is a spring and damper that push only. The current follows the
-    command at once, limited to +-current_max. The friction levels F_C and F_S of both contacts are multiplied by
-    friction_scale*(1 + drift_amplitude*sin(2*pi*drift_frequency*t)), and for negative velocity by
-    level_factor_negative; their viscous coefficients by viscous_factor_negative. F_C = F_S = 0 leaves sigma_2 only.
+    command at once, limited to +-command_max. The friction levels F_C and F_S of both contacts are multiplied by
+    friction_scale*(1 + drift_amplitude*sin(2*pi*drift_frequency*t)), and F_C, F_S, sigma_2 by their factors for
+    negative velocity. F_C = F_S = 0 leaves sigma_2 only: no bristles.
 
     The state holds d instead of the angle: forces between the inertias then do not lose digits far from the origin.
     Resolutions round the measured positions only. Valid for motion without end stops and for a current loop much
@@ -57,8 +53,9 @@ class CompliantBallscrew(Plant):
     not in the paper (sigma_1 gives its practical stability limit).
 
     Source: Maeda & Sato, Practical control method for ultra-precision positioning using a ballscrew mechanism,
-    Precision Engineering 32, 2008, table 1 and fig. 2; Shams & Safdari, Motion Control (IntechOpen), 2010, sec. 5
-    (backlash); Feng et al. 2015 (two-mass axis with motor friction); Canudas de Wit et al. 1995 (LuGre).
+    Precision Engineering 32, 2008, table 1 and fig. 2; Shams & Safdari, Motion Control (IntechOpen), 2010, sec.
+    2.1 (backlash); Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical
+    Problems in Engineering 2015 (axis of two masses with motor friction); Canudas de Wit et al. 1995 (LuGre).
     """
 
     K_m: float = parameter(0.172, "N.m/A", "Torque constant of the motor", min=0.0, nominal=0.1)
@@ -67,7 +64,7 @@ class CompliantBallscrew(Plant):
     l_p: float = parameter(3.183098861837907e-4, "m/rad", "Table travel a radian of the screw", min=1e-9, nominal=1e-3)
     K_n: float = parameter(8.3e5, "N/m", "Axial stiffness of nut and screw", min=0.0, nominal=1e6)
     C_n: float = parameter(1700.0, "N.s/m", "Axial damping of nut and screw", min=0.0, nominal=1e3)
-    current_max: float = parameter(6.0, "A", "Limit of the current, 0 for none", min=0.0)
+    command_max: float = parameter(6.0, "A", "Largest current, 0 for no limit", min=0.0)
 
     sigma_0: float = parameter(14.6, "N.m/rad", "Bristle stiffness at the screw", min=1e-9)
     sigma_1: float = parameter(0.072, "N.m.s/rad", "Bristle damping at the screw", min=0.0)
@@ -85,11 +82,12 @@ class CompliantBallscrew(Plant):
     guide_F_S: float = parameter(0.0, "N", "Static friction at the guide", min=0.0)
     guide_v_s: float = parameter(2e-3, "m/s", "Stribeck velocity at the guide", min=1e-12, nominal=1e-3)
 
-    friction_scale: float = parameter(1.0, "1", "Factor on the friction levels", min=0.0, variability="tunable")
-    level_factor_negative: float = parameter(1.0, "1", "Factor on the friction levels for negative velocity", min=0.0)
-    viscous_factor_negative: float = parameter(1.0, "1", "Factor on sigma_2 for negative velocity", min=0.0)
-    drift_amplitude: float = parameter(0.0, "1", "Relative amplitude of the drift of friction", min=0.0, max=0.99)
-    drift_frequency: float = parameter(0.0, "Hz", "Frequency of the drift of friction", min=0.0)
+    friction_scale: float = parameter(1.0, "1", "Factor of F_C and F_S", min=0.0, variability="tunable")
+    F_C_negative: float = parameter(1.0, "1", "Factor of F_C for negative velocity", min=0.0)
+    F_S_negative: float = parameter(1.0, "1", "Factor of F_S for negative velocity", min=0.0)
+    sigma_2_negative: float = parameter(1.0, "1", "Factor of sigma_2 for negative velocity", min=0.0)
+    drift_amplitude: float = parameter(0.0, "1", "Amplitude of the drift of F_C and F_S, 0 for none", min=0.0, max=0.99)
+    drift_frequency: float = parameter(0.0, "Hz", "Frequency of the drift of F_C and F_S", min=0.0)
 
     backlash: bool = parameter(False, "1", "Dead band between nut and screw")
     gap_plus: float = parameter(
@@ -107,7 +105,9 @@ class CompliantBallscrew(Plant):
     )
     position_start: float = parameter(0.0, "m", "Position at the start", display_unit="mm")
     velocity_start: float = parameter(0.0, "m/s", "Velocity of table and screw at the start", display_unit="mm/s")
-    bristle_start: BristleStart = parameter(BristleStart.rest, "1", "Bristles at the start")
+    bristle_start: float = parameter(
+        1.0, "1", "Bristles at the start: 0 undeflected, 1 as in steady sliding at velocity_start", min=0.0, max=1.0
+    )
 
     experiment: ClassVar[Experiment] = Experiment(stop_time=1.0, step_size=2e-4)
 
@@ -136,38 +136,56 @@ class CompliantBallscrew(Plant):
         guide_friction: float = variable(0.0, "N", "Friction at the guide")
         current: float = variable(0.0, "A", "Motor current")
 
+    def rules(self) -> tuple[Rule, ...]:
+        below = "{0}F_S is below {0}F_C. Static friction is at least Coulomb friction."
+        return (
+            Rule(self.F_S >= self.F_C, below.format("")),
+            Rule(self.guide_F_S >= self.guide_F_C, below.format("guide_")),
+            Rule(self.F_S * self.F_S_negative >= self.F_C * self.F_C_negative, below.format("negative ")),
+            Rule(
+                self.guide_F_S * self.F_S_negative >= self.guide_F_C * self.F_C_negative,
+                below.format("negative guide_"),
+            ),
+            Rule(
+                either(self.drift_amplitude <= 0.0, self.drift_frequency > 0.0),
+                "drift_amplitude needs a drift_frequency. Set it above 0.",
+            ),
+        )
+
     def initial(self) -> State:
-        """Both inertias at the start velocity, the nut relaxed."""
         speed = self.velocity_start / self.l_p
-        bristle = guide_bristle = 0.0
-        if self.bristle_start is BristleStart.sliding:
-            bristle = steady_bristle(speed, self._screw_level(0.0, speed), self.sigma_0)
-            guide_bristle = steady_bristle(
-                self.velocity_start, self._guide_level(0.0, self.velocity_start), self.guide_sigma_0
-            )
+        screw = steady_bristle(speed, self.screw_level(0.0, speed), self.sigma_0)
+        guide = steady_bristle(self.velocity_start, self.guide_level(0.0, self.velocity_start), self.guide_sigma_0)
         return self.State(
             position=self.position_start,
             velocity=self.velocity_start,
             speed=speed,
-            bristle=bristle,
-            guide_bristle=guide_bristle,
+            bristle=self.bristle_start * screw,
+            guide_bristle=self.bristle_start * guide,
         )
 
-    def _level_factor(self, t: float, speed: float) -> float:
-        drift = 1.0 + self.drift_amplitude * sin(6.283185307179586 * self.drift_frequency * t)
-        return self.friction_scale * drift * where(speed < 0.0, self.level_factor_negative, 1.0)
+    def _level(self, t: float, speed: float, F_C: float, F_S: float, v_s: float) -> float:
+        drift = 1.0 + self.drift_amplitude * sin(TWO_PI * self.drift_frequency * t)
+        level = friction_level(
+            speed,
+            F_C * where(speed < 0.0, self.F_C_negative, 1.0),
+            F_S * where(speed < 0.0, self.F_S_negative, 1.0),
+            v_s,
+        )
+        return self.friction_scale * drift * level
 
-    def _screw_level(self, t: float, speed: float) -> float:
-        return self._level_factor(t, speed) * friction_level(speed, self.F_C, self.F_S, self.v_s)
+    def screw_level(self, t: float, speed: float) -> float:
+        """Magnitude of the LuGre friction torque without its viscous part, in steady sliding at ``speed``."""
+        return self._level(t, speed, self.F_C, self.F_S, self.v_s)
 
-    def _guide_level(self, t: float, velocity: float) -> float:
-        level = friction_level(velocity, self.guide_F_C, self.guide_F_S, self.guide_v_s)
-        return self._level_factor(t, velocity) * level
+    def guide_level(self, t: float, velocity: float) -> float:
+        """Magnitude of the guide's friction without its viscous part, in steady sliding at ``velocity``."""
+        return self._level(t, velocity, self.guide_F_C, self.guide_F_S, self.guide_v_s)
 
     def _bristle_rates(self, t: float, x: State) -> tuple[float, float]:
         return (
-            bristle_rate(x.bristle, x.speed, self._screw_level(t, x.speed), self.sigma_0),
-            bristle_rate(x.guide_bristle, x.velocity, self._guide_level(t, x.velocity), self.guide_sigma_0),
+            bristle_rate(x.bristle, x.speed, self.screw_level(t, x.speed), self.sigma_0),
+            bristle_rate(x.guide_bristle, x.velocity, self.guide_level(t, x.velocity), self.guide_sigma_0),
         )
 
     def _frictions(self, x: State, bristle_rate: float, guide_bristle_rate: float) -> tuple[float, float]:
@@ -178,7 +196,7 @@ class CompliantBallscrew(Plant):
             x.speed,
             sigma_0=self.sigma_0,
             sigma_1=self.sigma_1,
-            sigma_2=self.sigma_2 * where(x.speed < 0.0, self.viscous_factor_negative, 1.0),
+            sigma_2=self.sigma_2 * where(x.speed < 0.0, self.sigma_2_negative, 1.0),
         )
         force = friction(
             x.guide_bristle,
@@ -186,7 +204,7 @@ class CompliantBallscrew(Plant):
             x.velocity,
             sigma_0=self.guide_sigma_0,
             sigma_1=self.guide_sigma_1,
-            sigma_2=self.guide_sigma_2 * where(x.velocity < 0.0, self.viscous_factor_negative, 1.0),
+            sigma_2=self.guide_sigma_2 * where(x.velocity < 0.0, self.sigma_2_negative, 1.0),
         )
         return torque + self.T_cm * tanh(x.speed / self.omega_cm), force
 
@@ -202,7 +220,7 @@ class CompliantBallscrew(Plant):
         bristle_rate, guide_bristle_rate = self._bristle_rates(t, x)
         torque, force = self._frictions(x, bristle_rate, guide_bristle_rate)
         nut_force = self._nut_force(x)
-        drive = self.K_m * saturate(u.command, self.current_max)
+        drive = self.K_m * saturate(u.command, self.command_max)
         return self.State(
             position=x.velocity,
             velocity=(nut_force - force - u.load_force) / self.m,
@@ -225,5 +243,5 @@ class CompliantBallscrew(Plant):
             nut_force=self._nut_force(x),
             friction_torque=torque,
             guide_friction=force,
-            current=saturate(u.command, self.current_max),
+            current=saturate(u.command, self.command_max),
         )
