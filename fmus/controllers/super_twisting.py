@@ -1,0 +1,121 @@
+"""Controller ``SuperTwisting``: second-order sliding mode on a PID surface for a linear motor."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from cosim.model import Choice, Controller, Experiment, Record, parameter, sign, sqrt, variable, where
+from fmus.physics.sampling import VelocitySource, saturate, velocity_estimate, winds_up
+
+
+class Switching(Choice):
+    """How the second term of the switching law acts."""
+
+    integral = 1, "Integral of W*sign(S): super-twisting"
+    relay = 2, "W_relay*sign(S): the printed formula, chatters"
+
+
+class SuperTwisting(Controller):
+    """Super-twisting sliding mode control on a PID surface, with equivalent control from estimated mass and damping.
+
+        error = position_ref - position
+        S = velocity_ref - velocity + mu*error + lambda_*integral_error
+        equivalent = m_hat*(acceleration_ref + lambda_*error) + b_hat*velocity_ref
+        force = equivalent + Lambda*sqrt(abs(S))*sign(S) + v - disturbance_estimate
+        command = force/(k_t*K_a), limited to command_max
+        v[k+1] = v + W*sign(S)*T_s                       (switching integral)
+        v      = W_relay*sign(S)                         (switching relay)
+        integral_error[k+1] = integral_error + error*T_s
+
+    sign(0) = 0. The integrals are held while the command is at its limit and they would drive it on. A positive
+    command drives towards positive position; a positive disturbance estimate is a force that pushes there.
+
+    The gains carry units with roots: 180 and 3400 in uN and um are 0.18 N/(m/s)0.5 and 0.0034 N/s. The equivalent
+    control makes der(S) = 0 where mu = b/m; with another mu the loop is der2(e) + (b/m)*der(e) + lambda_*e plus
+    the switching terms. Start values are a design with mu = b/m and lambda_ = mu**2/4.
+
+    Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015,
+    eqs. (6)-(12); the printed v = sign(S) is read as the derivative of v, as its eq. (12) and Levant,
+    Int. J. Control 58 (1993) 1247-1263, have it.
+    """
+
+    T_s: float = parameter(1e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")
+    mu: float = parameter(25.0, "1/s", "Weight of the error in the surface", min=0.0, nominal=10.0)
+    lambda_: float = parameter(156.25, "1/s2", "Weight of the error integral in the surface", min=0.0, nominal=100.0)
+    Lambda: float = parameter(0.18, "N.s0.5/m0.5", "Gain of the root of the surface", min=0.0)
+    W: float = parameter(3.4e-3, "N/s", "Gain of the integral of sign(S)", min=0.0, nominal=1e-3)
+    switching: Switching = parameter(Switching.integral, "1", "How the second switching term acts")
+    W_relay: float = parameter(3.4e-3, "N", "Amplitude of the relay", min=0.0, nominal=1e-3)
+    m_hat: float = parameter(11.0, "kg", "Estimated moving mass", min=0.0, nominal=10.0)
+    b_hat: float = parameter(255.0, "N.s/m", "Estimated viscous damping", min=0.0, nominal=100.0)
+    k_t: float = parameter(2.0, "A/V", "Amplifier gain", min=1e-9)
+    K_a: float = parameter(50.0, "N/A", "Motor force constant", min=1e-9, nominal=10.0)
+    command_max: float = parameter(0.0, "V", "Limit of the command, 0 for none", min=0.0)
+    velocity_source: VelocitySource = parameter(VelocitySource.difference, "1", "Where the velocity comes from")
+    velocity_filter_time: float = parameter(
+        1e-3, "s", "Time constant of the velocity filter, 0 for none", min=0.0, nominal=1e-3, display_unit="ms"
+    )
+
+    experiment: ClassVar[Experiment] = Experiment(stop_time=20.0, step_size=1e-4)
+
+    class State(Record):
+        v: float = variable(0.0, "N", "Integral of the switching law", nominal=1e-3)
+        integral_error: float = variable(0.0, "m.s", "Integral of the position error", nominal=1e-6)
+        started: float = variable(0.0, "1", "1 after the first sample")
+        position_last: float = variable(0.0, "m", "Position of the sample before", nominal=1e-6)
+        velocity_last: float = variable(0.0, "m/s", "Velocity estimate of the sample before", nominal=1e-6)
+
+    class Input(Record):
+        position_ref: float = variable(0.0, "m", "Position reference", nominal=1e-6, display_unit="um")
+        velocity_ref: float = variable(0.0, "m/s", "Velocity reference", nominal=1e-6, display_unit="um/s")
+        acceleration_ref: float = variable(0.0, "m/s2", "Acceleration reference", nominal=1e-6)
+        position: float = variable(0.0, "m", "Measured position", nominal=1e-6, display_unit="um")
+        velocity: float = variable(0.0, "m/s", "Measured velocity", nominal=1e-6, display_unit="um/s")
+        disturbance_estimate: float = variable(0.0, "N", "Estimated force towards positive position", nominal=1e-3)
+
+    class Output(Record):
+        command: float = variable(0.0, "V", "Command of the amplifier", nominal=1e-3)
+        force: float = variable(0.0, "N", "Motor force of this command", nominal=1e-3)
+        error: float = variable(0.0, "m", "Position error", nominal=1e-6, display_unit="um")
+        sliding_surface: float = variable(0.0, "m/s", "Sliding surface S", nominal=1e-6, display_unit="um/s")
+        velocity_estimate: float = variable(0.0, "m/s", "Measured velocity used", nominal=1e-6, display_unit="um/s")
+
+    def output(self, t: float, x: State, u: Input) -> Output:
+        velocity = velocity_estimate(
+            self.velocity_source,
+            x.started,
+            u.position,
+            u.velocity,
+            position_last=x.position_last,
+            velocity_last=x.velocity_last,
+            T_s=self.T_s,
+            filter_time=self.velocity_filter_time,
+        )
+        error = u.position_ref - u.position
+        S = u.velocity_ref - velocity + self.mu * error + self.lambda_ * x.integral_error
+        off_surface = abs(S) > 0.0
+        root = where(off_surface, sqrt(where(off_surface, abs(S), 1.0)), 0.0)
+        second = x.v if self.switching is Switching.integral else self.W_relay * sign(S)
+        equivalent = self.m_hat * (u.acceleration_ref + self.lambda_ * error) + self.b_hat * u.velocity_ref
+        force = equivalent + self.Lambda * root * sign(S) + second - u.disturbance_estimate
+        command = saturate(force / (self.k_t * self.K_a), self.command_max)
+        return self.Output(
+            command=command,
+            force=self.k_t * self.K_a * command,
+            error=error,
+            sliding_surface=S,
+            velocity_estimate=velocity,
+        )
+
+    def update(self, t: float, x: State, u: Input, y: Output) -> State:
+        toward = sign(y.sliding_surface)
+        v_held = winds_up(y.command, self.command_max, toward)
+        error_held = winds_up(y.command, self.command_max, y.error)
+        v_increment = self.W * toward * self.T_s if self.switching is Switching.integral else 0.0
+        return self.State(
+            v=x.v + where(v_held, 0.0, v_increment),
+            integral_error=x.integral_error + where(error_held, 0.0, y.error * self.T_s),
+            started=1.0,
+            position_last=u.position,
+            velocity_last=y.velocity_estimate,
+        )

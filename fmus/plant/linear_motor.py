@@ -1,0 +1,107 @@
+"""Plant ``LinearMotor``: amplifier, mass and damping of a linear motor axis, micro-milling force along it."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from cosim.model import Experiment, Plant, Record, Rule, parameter, round_to, variable
+from fmus.physics.milling import PI, Side, milling_forces
+from fmus.physics.sampling import saturate
+
+
+class LinearMotor(Plant):
+    """Linear motor axis: ideal current amplifier, moving mass on viscous guides, micro-milling force along the axis.
+
+        current       = k_t*command, limited to force_max/K_a
+        motor_force   = K_a*current
+        cutting_force = force of fmus/physics/milling.py in the feed direction, from start_time on
+        m*der(velocity) = motor_force - b*velocity + cutting_force + disturbance_force
+        der(position)   = velocity
+
+    Positive command, cutting force and disturbance push towards positive position. The axis is the feed direction x
+    of the cut: with ``side`` tool it carries the spindle, with table the work. Cutting is off while ``feed_per_tooth``
+    is 0. Rigid tool and axis: position does not change the chip. The amplifier has no lag and the guides no dry
+    friction. Positions are of the order of 1 um, and the integrator's tolerance counts from there.
+
+    Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015,
+    plant equation and section on simulations (there k_t and K_a carry these units); cutting data are assumptions of
+    the order of steel cut with 0.1 mm tools.
+    """
+
+    m: float = parameter(10.0, "kg", "Moving mass", min=1e-3)
+    b: float = parameter(250.0, "N.s/m", "Viscous damping of the guides", min=0.0)
+    k_t: float = parameter(2.0, "A/V", "Amplifier gain", min=1e-9)
+    K_a: float = parameter(50.0, "N/A", "Motor force constant", min=1e-9)
+    force_max: float = parameter(0.0, "N", "Largest motor force, 0 for no limit", min=0.0)
+    position_start: float = parameter(0.0, "m", "Position at the start", nominal=1e-6, display_unit="um")
+    velocity_start: float = parameter(0.0, "m/s", "Velocity at the start", nominal=1e-6, display_unit="um/s")
+    position_resolution: float = parameter(
+        0.0, "m", "Resolution of position, 0 for none", min=0.0, nominal=1e-9, display_unit="nm"
+    )
+    side: Side = parameter(Side.tool, "1", "Body that the axis carries")
+    start_time: float = parameter(0.0, "s", "Time at which cutting begins")
+    feed_per_tooth: float = parameter(
+        0.0, "m", "Feed per tooth, 0 for no cutting", min=0.0, nominal=1e-6, display_unit="um"
+    )
+    axial_depth: float = parameter(50e-6, "m", "Axial depth of cut", min=0.0, nominal=1e-5, display_unit="um")
+    spindle_speed: float = parameter(192.0, "Hz", "Revolutions of the spindle in a second", min=0.0, nominal=100.0)
+    run_out: float = parameter(
+        0.2e-6, "m", "Run-out: tooth 1 outside, tooth 2 inside", min=0.0, nominal=1e-7, display_unit="um"
+    )
+    h_min: float = parameter(
+        0.0, "m", "Minimum chip thickness, ploughing below", min=0.0, nominal=1e-7, display_unit="um"
+    )
+    K_t: float = parameter(3.5e9, "Pa", "Specific tangential force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
+    K_n: float = parameter(2.1e9, "Pa", "Specific normal force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
+    h_0: float = parameter(
+        1e-6, "m", "Chip thickness of the specific forces", min=1e-9, nominal=1e-6, display_unit="um"
+    )
+    p_t: float = parameter(0.25, "1", "Exponent of the size effect, tangential", min=0.0, max=0.9)
+    p_n: float = parameter(0.35, "1", "Exponent of the size effect, normal", min=0.0, max=0.9)
+    ploughing_factor: float = parameter(1.5, "1", "Normal force of ploughing over that of cutting", min=0.0)
+    entry_angle: float = parameter(0.0, "rad", "Angle at which a tooth enters", min=0.0, max=PI, display_unit="deg")
+    exit_angle: float = parameter(PI, "rad", "Angle at which a tooth leaves", min=0.0, max=PI, display_unit="deg")
+
+    class State(Record):
+        position: float = variable(0.0, "m", "Position of the table", nominal=1e-6, display_unit="um")
+        velocity: float = variable(0.0, "m/s", "Velocity of the table", nominal=1e-6, display_unit="um/s")
+
+    class Input(Record):
+        command: float = variable(0.0, "V", "Command of the amplifier")
+        disturbance_force: float = variable(0.0, "N", "External force towards positive position")
+
+    class Output(Record):
+        position: float = variable(0.0, "m", "Position of the table", nominal=1e-6, display_unit="um")
+        velocity: float = variable(0.0, "m/s", "Velocity of the table", nominal=1e-6, display_unit="um/s")
+        current: float = variable(0.0, "A", "Motor current", nominal=1e-3)
+        motor_force: float = variable(0.0, "N", "Force of the motor", nominal=1e-3)
+        cutting_force: float = variable(0.0, "N", "Cutting force along the axis", nominal=0.1)
+
+    experiment: ClassVar[Experiment] = Experiment(stop_time=20.0, step_size=1e-4)
+
+    def rules(self) -> tuple[Rule, ...]:
+        return (Rule(self.exit_angle >= self.entry_angle, "exit_angle must not be below entry_angle. Exchange them."),)
+
+    def initial(self) -> State:
+        return self.State(position=self.position_start, velocity=self.velocity_start)
+
+    def derivative(self, t: float, x: State, u: Input) -> State:
+        force = self.K_a * self._current(u) + self._cutting_force(t) + u.disturbance_force
+        return self.State(position=x.velocity, velocity=(force - self.b * x.velocity) / self.m)
+
+    def output(self, t: float, x: State, u: Input) -> Output:
+        current = self._current(u)
+        return self.Output(
+            position=round_to(x.position, self.position_resolution),
+            velocity=x.velocity,
+            current=current,
+            motor_force=self.K_a * current,
+            cutting_force=self._cutting_force(t),
+        )
+
+    def _current(self, u: Input) -> float:
+        return saturate(self.k_t * u.command, self.force_max / self.K_a)
+
+    def _cutting_force(self, t: float) -> float:
+        force = milling_forces(self, t - self.start_time).x
+        return force if self.side is Side.tool else -force
