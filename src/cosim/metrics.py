@@ -11,12 +11,15 @@ about the least-squares centre, circular hysteresis H between the two senses of 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DescriptionError
+from .units import conversion
 
 Array = NDArray[np.float64]
 
@@ -330,3 +333,106 @@ def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: flo
         angle=local,
         deviation=deviation,
     )
+
+
+# A recorded run.
+
+
+class Recorded(Protocol):
+    """What is needed of a run's result: columns by ``instance.variable`` and the system's connections."""
+
+    @property
+    def time(self) -> Array: ...
+    @property
+    def names(self) -> Sequence[str]: ...
+    @property
+    def units(self) -> Mapping[str, str]: ...
+    @property
+    def connections(self) -> Sequence[tuple[str, str]]: ...
+    def __getitem__(self, name: str, /) -> Array: ...
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A position loop of a system: the names of its recorded signals."""
+
+    name: str
+    """The controller's instance."""
+    reference: str
+    position: str
+    command: str
+    """``""`` if it was not recorded."""
+
+    def error(self, result: Recorded) -> Array:
+        """Position minus reference."""
+        return result[self.position] - result[self.reference]
+
+
+def loops(result: Recorded) -> list[Loop]:
+    """The position loops of a run: every instance whose inputs ``position_ref`` and ``position`` are connected.
+
+    Their sources are the loop's reference and position, the instance's ``command`` is its command. A loop counts if
+    both signals were recorded in the same unit.
+    """
+    sources = {target: source for source, target in result.connections}
+    recorded = set(result.names)
+    found: list[Loop] = []
+    for target, reference in sources.items():
+        instance, _, variable = target.rpartition(".")
+        position = sources.get(f"{instance}.position")
+        if variable != "position_ref" or position is None or not {reference, position} <= recorded:
+            continue
+        if result.units[reference] == result.units[position]:
+            command = f"{instance}.command"
+            found.append(Loop(instance, reference, position, command if command in recorded else ""))
+    return found
+
+
+class Row(NamedTuple):
+    """One line of a table of figures."""
+
+    name: str
+    value: float
+    unit: str
+
+
+def summary(result: Recorded, start: float | None = None) -> list[Row]:
+    """The table that ends a run: tracking figures of every loop from ``start`` s on (the last half if not given).
+
+    Empty if the run has no loop. Lengths are in um. If the reference rests from ``start`` on at a place other than
+    the position's first, overshoot and settling into 2 % of the way are told as well.
+    """
+    time = result.time
+    begin = 0.5 * float(time[0] + time[-1]) if start is None else start
+    part = window(time, begin)
+    since = f" from {time[part][0]:g} s"
+    rows: list[Row] = []
+    found = loops(result)
+    for loop in found:
+        prefix = f"{loop.name}: " if len(found) > 1 else ""
+        length = conversion(result.units[loop.position], "um")
+        error = loop.error(result) * length
+        rows += [
+            Row(f"{prefix}Position error, maximum{since}", max_abs(error[part]), "um"),
+            Row(f"{prefix}Position error, rms{since}", rms(error[part]), "um"),
+            Row(f"{prefix}Position error, at the end", float(error[-1]), "um"),
+            Row(f"{prefix}Position error, maximum of the whole run", max_abs(error), "um"),
+        ]
+        reference, position = result[loop.reference], result[loop.position]
+        first, last = float(position[0]), float(reference[-1])
+        if last != first and np.ptp(reference[part]) == 0.0:
+            settled = settling_time(time, position, last, 0.02 * abs(last - first), float(time[0]))
+            rows += [
+                Row(f"{prefix}Overshoot", overshoot(position, first, last) * length, "um"),
+                Row(f"{prefix}Settling into 2 % of the step", settled * 1e3, "ms"),
+            ]
+        if loop.command:
+            unit = result.units[loop.command]
+            command = result[loop.command]
+            rows += [
+                Row(f"{prefix}Command, maximum", max_abs(command), unit),
+                Row(
+                    f"{prefix}Command, total variation{since}", total_variation(time[part], command[part]), f"{unit}/s"
+                ),
+            ]
+    return rows
