@@ -7,8 +7,6 @@ from typing import ClassVar
 from cosim.model import Choice, Controller, Experiment, Record, parameter, variable, where
 from fmus.physics.sampling import VelocitySource, saturate, velocity_estimate, winds_up
 
-TURN = 6.283185307179586
-
 
 class FeedForward(Choice):
     """Where velocity and acceleration of the feed-forward come from."""
@@ -26,7 +24,7 @@ class CascadePid(Controller):
         v_command  = K_pos*error + k_vff*v_ref + velocity_pulse
         K_vel      = M*omega_v
         force      = K_vel*(v_command - velocity) + integral + k_aff*M*a_ref - disturbance_estimate
-        command    = force*l_p/(2*pi), limited to command_max
+        command    = force*l_p, limited to command_max
         integral[k+1] = integral + K_vel/T_i*(v_command - velocity)*T_s, held while at the limit and driven on
 
     position is that of the table; with velocity_source difference the velocity is the filtered difference of
@@ -48,9 +46,9 @@ class CascadePid(Controller):
     k_vff: float = parameter(1.0, "1", "Share of velocity feed-forward", min=0.0)
     k_aff: float = parameter(1.0, "1", "Share of acceleration feed-forward", min=0.0)
     feedforward_source: FeedForward = parameter(FeedForward.lookahead, "1", "Where the feed-forward comes from")
-    l_p: float = parameter(0.01, "m", "Lead of the screw", min=1e-6, nominal=1e-2, display_unit="mm")
+    l_p: float = parameter(1.5915494309189535e-3, "m/rad", "Lead of the screw for one radian", min=1e-9, nominal=1e-3)
     integral_start: float = parameter(0.0, "N", "Integral part at the start", nominal=100.0)
-    command_max: float = parameter(6.366, "N.m", "Limit of the command, 0 for none", min=0.0)
+    command_max: float = parameter(6.366197723675814, "N.m", "Limit of the command, 0 for none", min=0.0)
     velocity_source: VelocitySource = parameter(VelocitySource.difference, "1", "Where the velocity comes from")
     velocity_filter_time: float = parameter(
         5e-4, "s", "Time constant of the velocity filter, 0 for none", min=0.0, nominal=1e-3, display_unit="ms"
@@ -107,10 +105,10 @@ class CascadePid(Controller):
         v_command = self.K_pos * error + self.k_vff * v_ref + u.velocity_pulse
         proportional = self.M * self.omega_v * (v_command - velocity)
         force = proportional + x.integral + self.k_aff * self.M * a_ref - u.disturbance_estimate
-        command = saturate(force * self.l_p / TURN, self.command_max)
+        command = saturate(force * self.l_p, self.command_max)
         return self.Output(
             command=command,
-            force=command * TURN / self.l_p,
+            force=command / self.l_p,
             error=error,
             velocity_command=v_command,
             velocity_estimate=velocity,
