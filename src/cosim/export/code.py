@@ -1,0 +1,122 @@
+"""The generated model.c: sizes, tables and traced functions in front of the runtime."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..model import Controller, Plant
+from .layout import Variable, layout, reference_of
+from .trace import Trace
+
+_ROLES = {name: name.upper() for name in ("fixed", "tunable", "input", "state", "output", "derivative", "counter")}
+_TYPES = {"Real": "REAL", "Integer": "INTEGER", "Enumeration": "INTEGER", "Boolean": "BOOLEAN"}
+
+_HEAD = """\
+/* Generated from the declaration of {name}: do not edit. Indices: see the table of variables below. */
+#define MODEL_NAME "{name}"
+#define MODEL_GUID "{guid}"
+#define PLANT 1
+#define CONTROLLER 2
+#define SOURCE 3
+#define KIND {kind}
+{sizes}
+typedef struct {{
+    const char *name;
+    const char *unit;
+    int type;
+    int role;
+    double start;
+    double min;
+    double max;
+}} Variable;
+enum {{ REAL, INTEGER, BOOLEAN, STRING }};
+enum {{ FIXED, TUNABLE, INPUT, STATE, OUTPUT, DERIVATIVE, COUNTER }};
+
+#include <math.h>
+
+"""
+
+_VARIANT = """\
+typedef struct {
+    void (*constants)(double, const double *, const double *, const double *, const double *, double *);
+    void (*initial)(double, const double *, const double *, const double *, const double *, double *);
+    void (*rules)(double, const double *, const double *, const double *, const double *, double *);
+    void (*derivative)(double, const double *, const double *, const double *, const double *, double *);
+    void (*jacobian)(double, const double *, const double *, const double *, const double *, double *, double *);
+    void (*output)(double, const double *, const double *, const double *, const double *, double *);
+    void (*update)(double, double *, const double *, const double *, const double *);
+    void (*sample)(double, const double *, const double *, const double *, const double *, double *, double *);
+    void (*partials)(double, const double *, const double *, const double *, const double *, double *);
+} Variant;
+
+"""
+
+
+def model_c(trace: Trace, guid: str) -> str:
+    """The text of model.c."""
+    variables = layout(trace)
+    kind = trace.kind
+    sizes = {
+        "N_PARAMETERS": len(trace.parameters),
+        "N_INPUTS": len(trace.inputs),
+        "N_STATES": len(trace.states),
+        "N_CONTINUOUS": trace.n_continuous,
+        "N_OUTPUTS": len(trace.outputs),
+        "N_VARIABLES": len(variables),
+        "N_CONSTANTS": trace.n_constants,
+        "N_RULES": len(trace.rules),
+        "N_CHOICES": len(trace.choices),
+    }
+    if issubclass(kind, Plant):
+        label = "PLANT"
+        sizes["PARAMETER_TOLERANCE"] = reference_of(kind, variables, "tolerance")
+    elif issubclass(kind, Controller):
+        label = "CONTROLLER"
+        sizes["PARAMETER_T_S"] = reference_of(kind, variables, "T_s")
+    else:
+        label = "SOURCE"
+    head = _HEAD.format(
+        name=kind.__name__, guid=guid, kind=label, sizes="".join(f"#define {k} {v}\n" for k, v in sizes.items())
+    )
+    return head + _table(variables) + _choices(trace) + trace.functions + _VARIANT + _variants(trace) + _tail(trace)
+
+
+def _table(variables: Sequence[Variable]) -> str:
+    rows = "".join(
+        f'    /* {v.reference} */ {{"{v.name}", "{v.unit}", {_TYPES[v.type]}, {_ROLES[v.role]}, '
+        f"{c_number(v.start)}, {c_number(v.min)}, {c_number(v.max)}}},\n"
+        for v in variables
+    )
+    return f"static const Variable variables[N_VARIABLES] = {{\n{rows}}};\n\n"
+
+
+def _choices(trace: Trace) -> str:
+    rows = ", ".join(f"{{{index}, {len(values)}, {int(min(values))}}}" for index, values in trace.choices)
+    text = f"static const struct {{ int parameter, count, first; }} choices[] = {{{rows}}};\n\n" if rows else ""
+    if trace.rules:
+        texts = "".join(f'    "{rule.replace(chr(34), chr(39))}",\n' for rule in trace.rules)
+        text += f"static const char *const rule_texts[N_RULES] = {{\n{texts}}};\n\n"
+    else:
+        text += 'static const char *const rule_texts[1] = {""};\n\n'
+    return text
+
+
+def _variants(trace: Trace) -> str:
+    rows = "".join(f"    {{{', '.join(names)}}},\n" for names in trace.variants)
+    return f"static const Variant variants[] = {{\n{rows}}};\n\n"
+
+
+def _tail(trace: Trace) -> str:
+    text = ""
+    if issubclass(trace.kind, Plant):
+        nominals = ", ".join(c_number(s.declaration.nominal) for s in trace.states[: trace.n_continuous]) or "1.0"
+        text = f"static const double nominals[] = {{{nominals}}};\n\n"
+    return text + '#include "runtime.c"\n'
+
+
+def c_number(value: float) -> str:
+    """A double as C text that reads back to the same bits."""
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
+    return repr(float(value))

@@ -1,0 +1,130 @@
+"""The scalar variables of an FMU in the order of their value references: what XML, C tables and slaves share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from ..model import Choice, Component, Controller, Plant
+from .trace import Scalar, Trace, choice_number
+
+Role = Literal["fixed", "tunable", "input", "state", "output", "derivative", "counter"]
+Type = Literal["Real", "Integer", "Boolean", "Enumeration"]
+
+COUNTERS = (
+    ("solver.steps", "Accepted steps of the integrator since initialization"),
+    ("solver.rejected", "Rejected steps of the integrator since initialization"),
+    ("solver.rhs_evaluations", "Evaluations of the derivatives since initialization"),
+    ("solver.jacobians", "Evaluations of the Jacobian since initialization"),
+    ("solver.decompositions", "LU decompositions since initialization"),
+)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar variable; ``reference`` is its value reference, ``start`` is numeric (enumerations by number)."""
+
+    reference: int
+    name: str
+    role: Role
+    type: Type
+    start: float
+    unit: str
+    text: str
+    min: float = -math.inf
+    max: float = math.inf
+    nominal: float = 1.0
+    display_unit: str | None = None
+    choice: type[Choice] | None = None
+    continuous: bool = True
+    state: int | None = None
+    """Value reference of the state this one is the derivative of."""
+
+
+def layout(trace: Trace) -> tuple[Variable, ...]:
+    """All variables: parameters, inputs, states, outputs, derivatives, solver counters."""
+    found: list[Variable] = []
+    sampled = issubclass(trace.kind, Controller)
+
+    def add(scalar: Scalar, role: Role, continuous: bool = True) -> None:
+        declaration, start = scalar.declaration, scalar.start
+        low, high, kind, choice = declaration.min, declaration.max, "Real", None
+        if isinstance(start, bool):
+            kind, low, high = "Boolean", 0.0, 1.0
+        elif isinstance(start, Choice):
+            kind, choice = "Enumeration", type(start)
+            numbers = [float(item.number) for item in choice]
+            low, high = min(numbers), max(numbers)
+        elif isinstance(start, int):
+            kind = "Integer"
+        found.append(
+            Variable(
+                reference=len(found),
+                name=scalar.name,
+                role=role,
+                type=kind,
+                start=choice_number(start),
+                unit=declaration.unit,
+                text=declaration.text,
+                min=low,
+                max=high,
+                nominal=declaration.nominal,
+                display_unit=declaration.display_unit,
+                choice=choice,
+                continuous=continuous,
+            )
+        )
+
+    for scalar in trace.parameters:
+        add(scalar, "tunable" if scalar.declaration.variability == "tunable" else "fixed")
+    for scalar in trace.inputs:
+        add(scalar, "input", not sampled)
+    first_state = len(found)
+    names = {scalar.name for scalar in (*trace.parameters, *trace.inputs, *trace.outputs)}
+    for i, scalar in enumerate(trace.states):
+        name = f"state.{scalar.name}" if scalar.name in names else scalar.name
+        add(Scalar(scalar.declaration, name, scalar.start), "state", i < trace.n_continuous)
+    for scalar in trace.outputs:
+        add(scalar, "output", not sampled)
+    for i in range(trace.n_continuous):
+        state = found[first_state + i]
+        found.append(
+            Variable(
+                reference=len(found),
+                name=f"der({state.name})",
+                role="derivative",
+                type="Real",
+                start=0.0,
+                unit=derivative_unit(state.unit),
+                text=f"Time derivative of {state.name}",
+                state=state.reference,
+            )
+        )
+    if issubclass(trace.kind, Plant):
+        for name, text in COUNTERS:
+            found.append(Variable(len(found), name, "counter", "Integer", 0.0, "1", text, min=0.0, continuous=False))
+    return tuple(found)
+
+
+def derivative_unit(unit: str) -> str:
+    """The unit of a time derivative."""
+    known = {
+        "m": "m/s",
+        "m/s": "m/s2",
+        "rad": "rad/s",
+        "rad/s": "rad/s2",
+        "1": "1/s",
+        "A": "A/s",
+        "N": "N/s",
+        "V": "V/s",
+    }
+    return known.get(unit, f"({unit})/s")
+
+
+def reference_of(kind: type[Component], variables: tuple[Variable, ...], name: str) -> int:
+    """The value reference of a variable by name; the component is named if there is none."""
+    for variable in variables:
+        if variable.name == name:
+            return variable.reference
+    raise KeyError(f"{kind.__name__} has no variable {name}")

@@ -1,0 +1,242 @@
+"""From a component to a file NAME.fmu: trace, compile for each platform, zip. Equal sources give equal bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.metadata
+import json
+import os
+import platform
+import struct
+import subprocess
+import sys
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import CosimError, DescriptionError, suggest
+from ..model import Component
+
+NATIVE = Path(__file__).with_name("native")
+RUNTIME = ("fmi2.h", "integrator.c", "integrator.h", "runtime.c")
+SOURCES = ("model.c",)
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-g0",
+    "-s",
+    "-shared",
+    "-fPIC",
+    "-fvisibility=hidden",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-sanitize=undefined",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+)
+TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "linux64": (("x86_64-linux-gnu.2.17",), ".so"),
+    "win64": (("x86_64-windows-gnu",), ".dll"),
+    "darwin64": (("x86_64-macos.10.13", "aarch64-macos.11.0"), ".dylib"),
+    "aarch64-linux": (("aarch64-linux-gnu.2.17",), ".so"),
+    "aarch64-darwin": (("aarch64-macos.11.0",), ".dylib"),
+}
+"""Platform folder of an FMU -> compiler targets (two make a universal binary) and file ending."""
+
+
+class BuildError(CosimError):
+    """The C compiler refused the generated sources; the text is its own."""
+
+
+def host_platform() -> str:
+    """The platform folder of this machine. Raises DescriptionError where none fits."""
+    machine = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}.get(
+        platform.machine().lower()
+    )
+    known = {
+        ("Linux", "x86_64"): "linux64",
+        ("Linux", "aarch64"): "aarch64-linux",
+        ("Windows", "x86_64"): "win64",
+        ("Darwin", "x86_64"): "darwin64",
+        ("Darwin", "aarch64"): "darwin64",
+    }
+    found = known.get((platform.system(), machine or ""))
+    if found is None:
+        raise DescriptionError(
+            f"no FMU platform for {platform.system()} on {platform.machine()}. Name one of: {', '.join(TARGETS)}."
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Where components are found and FMUs are put: ``root`` holds ``fmus/``, ``cache`` what can be made again."""
+
+    root: Path
+    cache: Path
+
+    def components(self) -> dict[str, Path]:
+        """Component name -> its file; ``ballscrew_stage.py`` holds ``BallscrewStage``."""
+        files = [
+            path
+            for room in ("plant", "controllers", "sources")
+            for path in sorted((self.root / "fmus" / room).glob("*.py"))
+            if path.stem != "__init__"
+        ]
+        return {"".join(part.capitalize() for part in path.stem.split("_")): path for path in files}
+
+    def component(self, name: str) -> type[Component]:
+        """Import a component by name."""
+        path = self.components()[name]
+        module = importlib.import_module(".".join(path.relative_to(self.root).with_suffix("").parts))
+        return getattr(module, name)
+
+    def select(self, names: Sequence[str]) -> list[str]:
+        """The named components, or all. Raises DescriptionError listing every unknown name."""
+        known = self.components()
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise DescriptionError([f"no component '{name}'.{suggest(name, known)}" for name in unknown])
+        return list(names or known)
+
+    def key(self, name: str, platforms: Iterable[str]) -> str:
+        """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
+        package = Path(__file__).parents[1]
+        files = [
+            self.components()[name],
+            *sorted((self.root / "fmus" / "physics").glob("*.py")),
+            *(package / f"{module}.py" for module in ("model", "units", "errors")),
+            *sorted(Path(__file__).parent.glob("*.py")),
+            *sorted(NATIVE.glob("*.[ch]")),
+        ]
+        digest = hashlib.sha256()
+        for path in files:
+            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+        for package_name in ("casadi", "ziglang", "motion-cosim"):
+            digest.update(importlib.metadata.version(package_name).encode() + b"\0")
+        digest.update(" ".join(sorted(platforms)).encode())
+        return digest.hexdigest()
+
+    def is_current(self, name: str, platforms: Sequence[str], target: Path) -> bool:
+        """Whether ``target`` is the FMU that would be built now."""
+        stamp = self._stamp(target)
+        if not (target.is_file() and stamp.is_file()):
+            return False
+        known = json.loads(stamp.read_text())
+        return known == {"key": self.key(name, platforms), "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
+
+    def remember(self, name: str, platforms: Sequence[str], target: Path) -> None:
+        """Note that ``target`` has just been built."""
+        stamp = self._stamp(target)
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        entry = {"key": self.key(name, platforms), "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
+        stamp.write_text(json.dumps(entry))
+
+    def _stamp(self, target: Path) -> Path:
+        place = hashlib.sha256(str(target.resolve().parent).encode()).hexdigest()[:8]
+        return self.cache / "fmus" / f"{target.stem}-{place}.json"
+
+
+def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = ()) -> Path:
+    """Export ``kind`` as a native FMI 2.0 co-simulation FMU; returns the path of ``output/NAME.fmu``.
+
+    ``platforms`` are keys of ``TARGETS``, by default this machine's. ``cache`` keeps compiled binaries.
+    Raises TraceError for equations that cannot be traced, BuildError for C that does not compile.
+    """
+    from .code import model_c
+    from .description import build_description, documentation, model_description
+    from .trace import trace
+
+    version = importlib.metadata.version("motion-cosim")
+    traced = trace(kind)
+    blank = model_description(traced, "", version, sources=SOURCES) + model_c(traced, "").encode()
+    runtime = {name: (NATIVE / name).read_bytes() for name in RUNTIME}
+    guid = _guid(blank, *runtime.values())
+    sources = {"model.c": model_c(traced, guid).encode(), **runtime}
+    licence = (Path(__file__).parents[3] / "LICENSE").read_bytes()
+    files = {
+        "modelDescription.xml": model_description(traced, guid, version, sources=SOURCES),
+        "documentation/index.html": documentation(traced, version),
+        "documentation/licenses/license.txt": licence,
+        "sources/buildDescription.xml": build_description(kind, SOURCES),
+        **{f"sources/{name}": content for name, content in sources.items()},
+    }
+    for name in platforms or (host_platform(),):
+        files[f"binaries/{name}/{kind.__name__}{TARGETS[name][1]}"] = compile_binary(sources, name, cache)
+    target = output / f"{kind.__name__}.fmu"
+    write_zip(target, files)
+    return target
+
+
+def _guid(*parts: bytes) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(hashlib.sha256(part).digest())
+    return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
+
+
+def write_zip(target: Path, files: Mapping[str, bytes]) -> None:
+    """Write a zip whose bytes depend on ``files`` only: sorted, stored, one date; replaced in one go."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_suffix(f".{os.getpid()}.part")
+    with zipfile.ZipFile(partial, "w", zipfile.ZIP_STORED) as archive:
+        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+            entry = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))
+            entry.create_system = 3
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, files[name])
+    partial.replace(target)
+
+
+def compile_binary(sources: Mapping[str, bytes], name: str, cache: Path) -> bytes:
+    """The shared library of ``sources`` for platform ``name``, from the cache where nothing changed."""
+    targets, ending = TARGETS[name]
+    slices = [_compile(sources, target, ending, cache) for target in targets]
+    return slices[0] if len(slices) == 1 else _universal(slices)
+
+
+def _compile(sources: Mapping[str, bytes], target: str, ending: str, cache: Path) -> bytes:
+    digest = hashlib.sha256(repr((FLAGS, target, importlib.metadata.version("ziglang"))).encode())
+    for name in sorted(sources):
+        digest.update(name.encode() + b"\0" + sources[name])
+    kept = cache / "binaries" / f"{digest.hexdigest()[:32]}{ending}"
+    if kept.is_file():
+        return kept.read_bytes()
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str((cache / "zig").resolve())}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in sources.items():
+            (Path(folder) / name).write_bytes(content)
+        # relative names and a fixed output name: no path gets into the binary
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *FLAGS, *SOURCES, "-o", f"model{ending}"]
+        if not target.startswith("x86_64-windows"):
+            command.append("-lm")
+        environment["ZIG_LOCAL_CACHE_DIR"] = str(Path(folder) / "local")
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise BuildError(f"compiling for {target} failed:\n{done.stderr.strip()}")
+        content = (Path(folder) / f"model{ending}").read_bytes()
+    partial = kept.with_suffix(f".{os.getpid()}.part")
+    partial.write_bytes(content)
+    partial.replace(kept)
+    return content
+
+
+def _universal(slices: Sequence[bytes]) -> bytes:
+    """A macOS universal binary: big-endian fat header, then each slice at a 16 kB boundary."""
+    alignment = 14
+    position = 1 << alignment
+    header = struct.pack(">II", 0xCAFEBABE, len(slices))
+    body = b""
+    for content in slices:
+        cpu, subtype = struct.unpack("<II", content[4:12])
+        offset = position + len(body)
+        header += struct.pack(">IIIII", cpu, subtype, offset, len(content), alignment)
+        body += content + b"\0" * (-len(content) % (1 << alignment))
+    return header + b"\0" * (position - len(header)) + body
