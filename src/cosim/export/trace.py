@@ -537,7 +537,7 @@ def _statements(
         if operation == casadi.OP_OUTPUT:
             results[target[1]] = slots[source[0]]
         elif operation == casadi.OP_INPUT:
-            slots[target[0]] = symbol_text[source[1]]
+            slots[target[0]] = cast(str, symbol_text[source[1]])
         elif operation == casadi.OP_CONST:
             slots[target[0]] = _number(function.instruction_constant(k))
         else:
