@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from rich.console import Console
@@ -13,18 +11,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cosim.errors import CosimError
-from cosim.export.package import TARGETS, Workspace, build, host_platform
+from cosim.export.package import TARGETS, Workspace, host_platform
 
 ROOT = Path(__file__).resolve().parent
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
-
-
-def _build(name: str, output: Path, platforms: tuple[str, ...]) -> tuple[str, float]:
-    start = time.perf_counter()
-    sys.path.insert(0, str(ROOT))
-    target = build(WORKSPACE.component(name), output, WORKSPACE.cache, platforms)
-    WORKSPACE.remember(name, platforms, target)
-    return name, time.perf_counter() - start
 
 
 def _arguments() -> argparse.Namespace:
@@ -44,27 +34,25 @@ def main() -> int:
     except CosimError as error:
         console.print(str(error), style="red", markup=False)
         return 2
-    targets = {name: arguments.output / f"{name}.fmu" for name in names}
-    stale = [name for name in names if not WORKSPACE.is_current(name, platforms, targets[name])]
+    stale = WORKSPACE.stale(names, arguments.output, platforms)
     seconds: dict[str, float] = {}
     problems: dict[str, str] = {}
     if stale:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=console) as progress, ProcessPoolExecutor() as pool:
+        with Progress(*columns, console=console) as progress:
             task = progress.add_task("Building FMUs", total=len(stale))
-            running = {pool.submit(_build, name, arguments.output, platforms): name for name in stale}
-            for future in as_completed(running):
-                try:
-                    seconds[running[future]] = future.result()[1]
-                except CosimError as error:
-                    problems[running[future]] = str(error)
+            for name, spent, error in WORKSPACE.build(stale, arguments.output, platforms):
+                seconds[name] = spent
+                if error:
+                    problems[name] = str(error)
                 progress.advance(task)
     table = Table(title=f"FMUs in {arguments.output} for {', '.join(platforms)}")
     for head in ("FMU", "size / kB", "time / s", "state"):
         table.add_column(head, justify="left" if head in ("FMU", "state") else "right")
     for name in names:
         state = "failed" if name in problems else "built" if name in seconds else "unchanged"
-        size = f"{targets[name].stat().st_size / 1024:.0f}" if targets[name].exists() else ""
+        target = arguments.output / f"{name}.fmu"
+        size = f"{target.stat().st_size / 1024:.0f}" if target.exists() else ""
         table.add_row(name, size, f"{seconds[name]:.1f}" if name in seconds else "", state)
     console.print(table)
     for text in problems.values():

@@ -12,9 +12,11 @@ import struct
 import subprocess
 import sys
 import tempfile
+import time
 import uuid
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -123,6 +125,22 @@ class Workspace:
         digest.update(" ".join(sorted(platforms)).encode())
         return digest.hexdigest()
 
+    def stale(self, names: Iterable[str], output: Path, platforms: Sequence[str]) -> list[str]:
+        """Those of the components whose FMU in ``output`` is missing or not what would be built now."""
+        return [name for name in names if not self.is_current(name, platforms, output / f"{name}.fmu")]
+
+    def build(
+        self, names: Sequence[str], output: Path, platforms: Sequence[str]
+    ) -> Iterator[tuple[str, float, CosimError | None]]:
+        """Build FMUs in parallel; yields name, seconds and what went wrong as each is done."""
+        with ProcessPoolExecutor() as pool:
+            running = {pool.submit(_timed_build, self, name, output, tuple(platforms)): name for name in names}
+            for future in as_completed(running):
+                try:
+                    yield running[future], future.result(), None
+                except CosimError as error:
+                    yield running[future], 0.0, error
+
     def is_current(self, name: str, platforms: Sequence[str], target: Path) -> bool:
         """Whether ``target`` is the FMU that would be built now."""
         stamp = self._stamp(target)
@@ -141,6 +159,15 @@ class Workspace:
     def _stamp(self, target: Path) -> Path:
         place = hashlib.sha256(str(target.resolve().parent).encode()).hexdigest()[:8]
         return self.cache / "fmus" / f"{target.stem}-{place}.json"
+
+
+def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple[str, ...]) -> float:
+    start = time.perf_counter()
+    if str(workspace.root) not in sys.path:
+        sys.path.insert(0, str(workspace.root))
+    target = build(workspace.component(name), output, workspace.cache, platforms)
+    workspace.remember(name, platforms, target)
+    return time.perf_counter() - start
 
 
 def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = ()) -> Path:
