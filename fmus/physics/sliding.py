@@ -34,7 +34,7 @@ class SlidingController(Controller):
         friction_hat = sigma_0_hat*z[k] + sigma_1_hat*(z[k] - z[k-1])/T_s + sigma_2_hat*v
         bound        = G + sigma_2_tilde*abs(v)
 
-    Without friction model friction_hat is 0 and the bound is that of the reference velocity.
+    Without friction model friction_hat is 0; the bound goes with the measured velocity.
     """
 
     l_p: float = parameter(1.5923e-3, "m/rad", "Lead of the screw for one radian", min=1e-9, nominal=1e-3)
@@ -89,10 +89,10 @@ class SlidingController(Controller):
         return e, rate, x.integral + where(x.started > 0.5, self.T_s * e, 0.0)
 
     def friction_speed(self, x: State, u: Input) -> float:
-        """Speed of the friction model [rad/s]."""
-        if self.friction_velocity is FrictionVelocity.measured:
-            return self.measured_velocity(x, u) / self.l_p
-        return u.velocity_ref / self.l_p
+        """Speed that friction model and bound go with [rad/s]."""
+        if self.friction_velocity is FrictionVelocity.reference:
+            return u.velocity_ref / self.l_p
+        return self.measured_velocity(x, u) / self.l_p
 
     def bristles(self, x: State, u: Input) -> tuple[float, float]:
         """Deflection in the friction model before and at this sample [rad]."""
