@@ -31,6 +31,13 @@ class Recording:
     def names(self) -> Sequence[str]:
         return list(self.columns)
 
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        return {"connections": [" -> ".join(ends) for ends in self.connections]}
+
+    def unit(self, name: str) -> str:
+        return self.units[name]
+
     def __getitem__(self, name: str, /) -> np.ndarray:
         return self.columns[name]
 

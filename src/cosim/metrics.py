@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -339,16 +339,15 @@ def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: flo
 
 
 class Recorded(Protocol):
-    """What is needed of a run's result: columns by ``instance.variable`` and the system's connections."""
+    """What is needed of a run's result; ``cosim.results.Result`` is one."""
 
     @property
     def time(self) -> Array: ...
     @property
     def names(self) -> Sequence[str]: ...
     @property
-    def units(self) -> Mapping[str, str]: ...
-    @property
-    def connections(self) -> Sequence[tuple[str, str]]: ...
+    def metadata(self) -> Mapping[str, Any]: ...
+    def unit(self, name: str) -> str: ...
     def __getitem__(self, name: str, /) -> Array: ...
 
 
@@ -372,9 +371,12 @@ def loops(result: Recorded) -> list[Loop]:
     """The position loops of a run: every instance whose inputs ``position_ref`` and ``position`` are connected.
 
     Their sources are the loop's reference and position, the instance's ``command`` is its command. A loop counts if
-    both signals were recorded in the same unit.
+    both signals were recorded in the same unit. The connections are those in the result's metadata,
+    ``"source -> target"`` each.
     """
-    sources = {target: source for source, target in result.connections}
+    connections = cast("Sequence[str]", result.metadata.get("connections", ()))
+    ends = [connection.split(" -> ") for connection in connections]
+    sources = {target: source for source, target in ends}
     recorded = set(result.names)
     found: list[Loop] = []
     for target, reference in sources.items():
@@ -382,7 +384,7 @@ def loops(result: Recorded) -> list[Loop]:
         position = sources.get(f"{instance}.position")
         if variable != "position_ref" or position is None or not {reference, position} <= recorded:
             continue
-        if result.units[reference] == result.units[position]:
+        if result.unit(reference) == result.unit(position):
             command = f"{instance}.command"
             found.append(Loop(instance, reference, position, command if command in recorded else ""))
     return found
@@ -410,7 +412,7 @@ def summary(result: Recorded, start: float | None = None) -> list[Row]:
     found = loops(result)
     for loop in found:
         prefix = f"{loop.name}: " if len(found) > 1 else ""
-        length = conversion(result.units[loop.position], "um")
+        length = conversion(result.unit(loop.position), "um")
         error = loop.error(result) * length
         rows += [
             Row(f"{prefix}Position error, maximum{since}", max_abs(error[part]), "um"),
@@ -427,7 +429,7 @@ def summary(result: Recorded, start: float | None = None) -> list[Row]:
                 Row(f"{prefix}Settling into 2 % of the step", settled * 1e3, "ms"),
             ]
         if loop.command:
-            unit = result.units[loop.command]
+            unit = result.unit(loop.command)
             command = result[loop.command]
             rows += [
                 Row(f"{prefix}Command, maximum", max_abs(command), unit),

@@ -215,7 +215,7 @@ def plot_run(result: Recorded, path: Path) -> None:
         panels.append(
             Panel(
                 "Position",
-                result.units[found[0].position],
+                result.unit(found[0].position),
                 tuple(
                     series
                     for i, loop in enumerate(found)
@@ -227,8 +227,8 @@ def plot_run(result: Recorded, path: Path) -> None:
             )
         )
         errors = tuple(Series(name(loop, ""), result.time, loop.error(result), 2 * i) for i, loop in enumerate(found))
-        panels.append(Panel("Error", result.units[found[0].position], errors))
-        for unit in dict.fromkeys(result.units[loop.command] for loop in found if loop.command):
+        panels.append(Panel("Error", result.unit(found[0].position), errors))
+        for unit in dict.fromkeys(result.unit(loop.command) for loop in found if loop.command):
             panels.append(
                 Panel(
                     "Command",
@@ -236,14 +236,14 @@ def plot_run(result: Recorded, path: Path) -> None:
                     tuple(
                         Series(name(loop, ""), result.time, result[loop.command], 2 * i)
                         for i, loop in enumerate(found)
-                        if loop.command and result.units[loop.command] == unit
+                        if loop.command and result.unit(loop.command) == unit
                     ),
                 )
             )
     else:
-        for unit in dict.fromkeys(result.units[name] for name in result.names):
+        for unit in dict.fromkeys(result.unit(name) for name in result.names):
             members = tuple(
-                Series(name, result.time, result[name]) for name in result.names if result.units[name] == unit
+                Series(name, result.time, result[name]) for name in result.names if result.unit(name) == unit
             )
             panels.append(Panel("Value", unit, members))
     plot_panels(path, panels)
