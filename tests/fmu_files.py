@@ -1,0 +1,155 @@
+"""FMU files made for tests: any modelDescription.xml, any zip members, and the scriptable probe of ``probe/probe.c``."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import fmpy
+
+PROBE_SOURCE = Path(__file__).parent / "probe" / "probe.c"
+BUILD = Path(__file__).parent.parent / "build" / "tests"
+
+
+@dataclass(frozen=True)
+class Variable:
+    name: str
+    causality: str
+    reference: int = 0
+    type: str = "Real"
+    start: str | None = None
+    unit: str | None = None
+    min: str | None = None
+    max: str | None = None
+    variability: str | None = None
+    depends_on: tuple[str, ...] | None = ()
+    """Inputs an output depends on; None writes no ``dependencies`` at all."""
+    items: tuple[str, ...] = ()
+
+
+PROBE = (
+    Variable("u", "input", 0, start="0.0", unit="V"),
+    Variable("y", "output", 1, unit="V"),
+    Variable("z", "output", 2, unit="V", depends_on=("u",)),
+    Variable("gain", "parameter", 3, start="1.0", variability="tunable"),
+    Variable("time_constant", "parameter", 4, start="0.1", unit="s", min="1e-6"),
+    Variable("y_start", "parameter", 5, start="0.0", unit="V"),
+    Variable("fail_time", "parameter", 6, start="1e9", unit="s"),
+    Variable("clock", "output", 7, unit="s"),
+    Variable("count_in", "input", 0, "Integer", start="0"),
+    Variable("count", "output", 1, "Integer", depends_on=("count_in",)),
+    Variable("fail_status", "parameter", 2, "Integer", start="3", min="0", max="4"),
+    Variable("fail_function", "parameter", 3, "Integer", start="0"),
+    Variable("solver.steps", "local", 4, "Integer"),
+    Variable("sleep", "parameter", 5, "Integer", start="0"),
+    Variable("flag_in", "input", 0, "Boolean", start="false"),
+    Variable("flag", "output", 1, "Boolean", depends_on=("flag_in",)),
+    Variable("label", "parameter", 0, "String", start="probe"),
+)
+
+
+def description(
+    variables: Sequence[Variable],
+    *,
+    name: str = "Probe",
+    identifier: str = "probe",
+    guid: str = "probe",
+    attributes: str = "",
+    version: str = "2.0",
+) -> str:
+    """The text of a modelDescription.xml."""
+    numbers = {variable.name: index + 1 for index, variable in enumerate(variables)}
+    lines: list[str] = []
+    types: list[str] = []
+    for variable in variables:
+        values = [
+            f"{key}={quoteattr(value)}"
+            for key, value in (("start", variable.start), ("unit", variable.unit))
+            + ((("min", variable.min), ("max", variable.max)) if variable.type != "Boolean" else ())
+            if value is not None
+        ]
+        if variable.items:
+            types.append(
+                f'<SimpleType name="{variable.name}"><Enumeration>'
+                + "".join(f'<Item name="{item}" value="{i + 1}"/>' for i, item in enumerate(variable.items))
+                + "</Enumeration></SimpleType>"
+            )
+            values.append(f'declaredType="{variable.name}"')
+        default = "fixed" if variable.causality == "parameter" else "continuous"
+        default = "discrete" if default == "continuous" and variable.type != "Real" else default
+        lines.append(
+            f'<ScalarVariable name={quoteattr(variable.name)} valueReference="{variable.reference}" '
+            f'causality="{variable.causality}" variability="{variable.variability or default}">'
+            f"<{variable.type} {' '.join(values)}/></ScalarVariable>"
+        )
+    outputs: list[str] = []
+    unknowns: list[str] = []
+    for variable in variables:
+        if variable.causality != "output":
+            continue
+        known = ""
+        if variable.depends_on is not None:
+            known = f' dependencies="{" ".join(str(numbers[i]) for i in variable.depends_on)}"'
+        outputs.append(f'<Unknown index="{numbers[variable.name]}"{known}/>')
+        unknowns.append(f'<Unknown index="{numbers[variable.name]}"/>')
+    units = sorted({variable.unit for variable in variables if variable.unit is not None})
+    unit_lines = "".join(f"<Unit name={quoteattr(unit)}/>" for unit in units)
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<fmiModelDescription fmiVersion="{version}" modelName="{name}" guid="{guid}">'
+        f'<CoSimulation modelIdentifier="{identifier}" canHandleVariableCommunicationStepSize="true" {attributes}/>'
+        + (f"<UnitDefinitions>{unit_lines}</UnitDefinitions>" if units else "")
+        + (f"<TypeDefinitions>{''.join(types)}</TypeDefinitions>" if types else "")
+        + f'<LogCategories><Category name="logStatusError"/></LogCategories>'
+        f"<ModelVariables>{''.join(lines)}</ModelVariables><ModelStructure>"
+        + (f"<Outputs>{''.join(outputs)}</Outputs>" if outputs else "")
+        + (f"<InitialUnknowns>{''.join(unknowns)}</InitialUnknowns>" if unknowns else "")
+        + "</ModelStructure></fmiModelDescription>\n"
+    )
+
+
+def library_name(identifier: str = "probe", platform: str = fmpy.platform) -> str:
+    extension = {"win64": ".dll", "darwin64": ".dylib"}.get(platform, ".so")
+    return f"binaries/{platform}/{identifier}{extension}"
+
+
+def write_zip(path: Path, members: Mapping[str, bytes | str]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return path
+
+
+def write_fmu(path: Path, variables: Sequence[Variable], *, binary: bytes = b"", **header: str) -> Path:
+    """An FMU that can be described, and run if ``binary`` is a library."""
+    text = description(variables, name=path.stem, **header)
+    return write_zip(path, {"modelDescription.xml": text, library_name(header.get("identifier", "probe")): binary})
+
+
+def probe_library() -> Path:
+    """The probe compiled for this machine; compiled again when its source changes."""
+    source = PROBE_SOURCE.read_bytes()
+    library = BUILD / f"probe-{hashlib.sha256(source).hexdigest()[:16]}{Path(library_name()).suffix}"
+    if not library.exists():
+        BUILD.mkdir(parents=True, exist_ok=True)
+        made = library.with_suffix(".part")
+        include = Path(fmpy.__file__).parent / "c-code"
+        subprocess.run(
+            [sys.executable, "-m", "ziglang", "cc", "-O2", "-g0", "-Wall", "-Wextra", "-shared", "-fPIC"]
+            + [f"-I{include}", "-o", str(made), str(PROBE_SOURCE), "-lm"],
+            check=True,
+        )
+        made.replace(library)
+    return library
+
+
+def write_probe(folder: Path, name: str = "Probe", **units: str) -> Path:
+    """The probe as ``folder/name.fmu``; ``units`` replaces the units of variables."""
+    variables = [replace(v, unit=units.get(v.name, v.unit)) for v in PROBE]
+    return write_fmu(folder / f"{name}.fmu", variables, binary=probe_library().read_bytes())
