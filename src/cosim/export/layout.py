@@ -1,13 +1,18 @@
-"""The scalar variables of an FMU in the order of their value references: what XML, C tables and slaves share."""
+"""The scalar variables of an FMU in the order of their value references: what XML, C tables and slaves share.
+
+Needs the declaration only, no trace: this module travels inside Python FMUs.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from ..model import Choice, Component, Controller, Plant
-from .trace import Scalar, Trace, choice_number
+from ..model import Choice, Component, Controller, Declaration, Plant, Record, declarations
+
+if TYPE_CHECKING:
+    from .trace import Trace
 
 Role = Literal["fixed", "tunable", "input", "state", "output", "derivative", "counter"]
 Type = Literal["Real", "Integer", "Boolean", "Enumeration"]
@@ -19,6 +24,36 @@ COUNTERS = (
     ("solver.jacobians", "Evaluations of the Jacobian since initialization"),
     ("solver.decompositions", "LU decompositions since initialization"),
 )
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """One scalar variable of the FMU: its declaration and, for arrays, which element."""
+
+    declaration: Declaration
+    name: str
+    start: Any
+
+
+def scalars(owner: type[Record] | type[Component]) -> tuple[Scalar, ...]:
+    """The scalar variables of a record or of a component's parameters, arrays flattened."""
+    found: list[Scalar] = []
+    for declaration in declarations(owner):
+        starts = (declaration.start,) if declaration.length is None else declaration.start
+        found += [Scalar(declaration, name, start) for name, start in zip(declaration.names, starts, strict=True)]
+    return tuple(found)
+
+
+def ordered_states(kind: type[Component]) -> tuple[tuple[Scalar, ...], int]:
+    """The scalar states in the order of FMUs, continuous ones first, and how many of these there are."""
+    states = scalars(kind.State)
+    continuous = [s for s in states if issubclass(kind, Plant) and not s.declaration.discrete]
+    return (*continuous, *(s for s in states if s not in continuous)), len(continuous)
+
+
+def choice_number(value: Any) -> float:
+    """The number an FMU keeps for a ``bool`` or ``Choice``."""
+    return float(value.number) if isinstance(value, Choice) else float(value)
 
 
 @dataclass(frozen=True)
@@ -43,27 +78,34 @@ class Variable:
 
 
 def layout(trace: Trace) -> tuple[Variable, ...]:
+    """All variables of a traced component."""
+    return variables_of(trace.kind)
+
+
+def variables_of(kind: type[Component]) -> tuple[Variable, ...]:
     """All variables: parameters, inputs, states, outputs, derivatives, solver counters."""
     found: list[Variable] = []
-    sampled = issubclass(trace.kind, Controller)
+    sampled = issubclass(kind, Controller)
+    parameters, inputs, outputs = scalars(kind), scalars(kind.Input), scalars(kind.Output)
+    states, n_continuous = ordered_states(kind)
 
     def add(scalar: Scalar, role: Role, continuous: bool = True) -> None:
         declaration, start = scalar.declaration, scalar.start
-        low, high, kind, choice = declaration.min, declaration.max, "Real", None
+        low, high, typed, choice = declaration.min, declaration.max, "Real", None
         if isinstance(start, bool):
-            kind, low, high = "Boolean", 0.0, 1.0
+            typed, low, high = "Boolean", 0.0, 1.0
         elif isinstance(start, Choice):
-            kind, choice = "Enumeration", type(start)
+            typed, choice = "Enumeration", type(start)
             numbers = [float(item.number) for item in choice]
             low, high = min(numbers), max(numbers)
         elif isinstance(start, int):
-            kind = "Integer"
+            typed = "Integer"
         found.append(
             Variable(
                 reference=len(found),
                 name=scalar.name,
                 role=role,
-                type=kind,
+                type=typed,
                 start=choice_number(start),
                 unit=declaration.unit,
                 text=declaration.text,
@@ -76,18 +118,18 @@ def layout(trace: Trace) -> tuple[Variable, ...]:
             )
         )
 
-    for scalar in trace.parameters:
+    for scalar in parameters:
         add(scalar, "tunable" if scalar.declaration.variability == "tunable" else "fixed")
-    for scalar in trace.inputs:
+    for scalar in inputs:
         add(scalar, "input", not sampled)
     first_state = len(found)
-    names = {scalar.name for scalar in (*trace.parameters, *trace.inputs, *trace.outputs)}
-    for i, scalar in enumerate(trace.states):
+    names = {scalar.name for scalar in (*parameters, *inputs, *outputs)}
+    for i, scalar in enumerate(states):
         name = f"state.{scalar.name}" if scalar.name in names else scalar.name
-        add(Scalar(scalar.declaration, name, scalar.start), "state", i < trace.n_continuous)
-    for scalar in trace.outputs:
+        add(Scalar(scalar.declaration, name, scalar.start), "state", i < n_continuous)
+    for scalar in outputs:
         add(scalar, "output", not sampled)
-    for i in range(trace.n_continuous):
+    for i in range(n_continuous):
         state = found[first_state + i]
         found.append(
             Variable(
@@ -101,7 +143,7 @@ def layout(trace: Trace) -> tuple[Variable, ...]:
                 state=state.reference,
             )
         )
-    if issubclass(trace.kind, Plant):
+    if issubclass(kind, Plant):
         for name, text in COUNTERS:
             found.append(Variable(len(found), name, "counter", "Integer", 0.0, "1", text, min=0.0, continuous=False))
     return tuple(found)

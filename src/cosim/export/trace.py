@@ -20,13 +20,11 @@ from ..model import (
     Choice,
     Component,
     Controller,
-    Declaration,
-    Plant,
     Record,
     Source,
-    declarations,
     fill,
 )
+from .layout import Scalar, choice_number, ordered_states, scalars
 
 casadi: Any = importlib.import_module("casadi")
 
@@ -164,24 +162,6 @@ def expression(value: object) -> Any:
 
 
 @dataclass(frozen=True)
-class Scalar:
-    """One scalar variable of the FMU: its declaration and, for arrays, which element."""
-
-    declaration: Declaration
-    name: str
-    start: Any
-
-
-def scalars(owner: type[Record] | type[Component]) -> tuple[Scalar, ...]:
-    """The scalar variables of a record or of a component's parameters, arrays flattened."""
-    found: list[Scalar] = []
-    for declaration in declarations(owner):
-        starts = (declaration.start,) if declaration.length is None else declaration.start
-        found += [Scalar(declaration, name, start) for name, start in zip(declaration.names, starts, strict=True)]
-    return tuple(found)
-
-
-@dataclass(frozen=True)
 class Trace:
     """What the exporter knows of a component: its scalar variables, C functions and dependencies.
 
@@ -230,11 +210,6 @@ def _choices(scalar: Scalar) -> tuple[Any, ...]:
     return tuple(cast("type[Choice]", type(scalar.start)))
 
 
-def choice_number(value: Any) -> float:
-    """The number an FMU keeps for a ``bool`` or ``Choice``."""
-    return float(value.number) if isinstance(value, Choice) else float(value)
-
-
 class _Symbols:
     """The symbols t, x, u, p of one component and the C text of each."""
 
@@ -252,10 +227,7 @@ class _Symbols:
 def trace(kind: type[Component]) -> Trace:
     """Trace every variant of a component. Raises TraceError naming component, method and remedy."""
     parameters, inputs, outputs = scalars(kind), scalars(kind.Input), scalars(kind.Output)
-    all_states = scalars(kind.State)
-    plant = issubclass(kind, Plant)
-    continuous = [s for s in all_states if plant and not s.declaration.discrete]
-    states = (*continuous, *(s for s in all_states if s not in continuous))
+    states, n_continuous = ordered_states(kind)
     symbols = _Symbols(states, inputs, parameters)
     choices = tuple(
         (i, tuple(choice_number(v) for v in _choices(s)))
@@ -276,7 +248,7 @@ def trace(kind: type[Component]) -> Trace:
         arguments: list[Any] = [Symbol(p) for p in symbols.p]
         for (index, _), value in zip(choices, combination, strict=True):
             arguments[index] = value
-        variant = _Variant(kind, symbols, arguments, states, len(continuous))
+        variant = _Variant(kind, symbols, arguments, states, n_continuous)
         rules = variant.rule_texts
         collected.append(variant)
         variants.append(printer.variant(variant, symbols))
@@ -285,7 +257,7 @@ def trace(kind: type[Component]) -> Trace:
     def union(pick: Callable[[_Variant], Sequence[Any]], letter: str, n: int) -> tuple[frozenset[int], ...]:
         return tuple(frozenset[int]().union(*(_depends(pick(v)[row], letter) for v in collected)) for row in range(n))
 
-    n_y, n_c = len(outputs), len(continuous)
+    n_y, n_c = len(outputs), n_continuous
     initial_parameters: dict[str, frozenset[int]] = {}
     initial_inputs: dict[str, frozenset[int]] = {}
     groups: list[tuple[str, Callable[[_Variant], Sequence[Any]], int]] = [
