@@ -31,8 +31,8 @@ class CompliantBallscrew(Plant):
         der(angle)    = speed
         J*der(speed)  = K_m*current - friction_torque - load_torque - l_p*nut_force
         der(position) = velocity
-        m*der(velocity) = nut_force - guide_friction - load_force
-        friction_torque = LuGre(speed) + T_cm*tanh(speed/omega_cm),   guide_friction = LuGre(velocity)
+        m*der(velocity) = nut_force - guide_force - load_force
+        friction_torque = LuGre(speed) + T_cm*tanh(speed/omega_cm),   guide_force = LuGre(velocity)
         d = l_p*angle - position
         without backlash: nut_force = K_n*d + C_n*der(d)
         with backlash:    nut_force = max(0, K_n*(d - gap_plus) + C_n*der(d))    where d > gap_plus
@@ -43,7 +43,8 @@ class CompliantBallscrew(Plant):
     limits at 0 keep the nut from sticking: an impact is a spring and damper that push only. The current follows the
     command at once, limited to +-command_max. The friction levels F_C and F_S of both contacts are multiplied by
     friction_scale*(1 + drift_amplitude*sin(2*pi*drift_frequency*t)), and F_C, F_S, sigma_2 by their factors for
-    negative velocity. F_C = F_S = 0 leaves sigma_2 only: no bristles.
+    negative velocity. F_C = F_S = 0 leaves sigma_2 only: no bristles. Without
+    guide_friction guide_force = guide_sigma_2*velocity; without motor_friction the tanh term is absent.
 
     The state holds d instead of the angle: forces between the inertias then do not lose digits far from the origin.
     Resolutions round the measured positions only. Valid for motion without end stops and for a current loop much
@@ -72,9 +73,11 @@ class CompliantBallscrew(Plant):
     F_C: float = parameter(0.046, "N.m", "Coulomb friction at the screw", min=0.0)
     F_S: float = parameter(0.046, "N.m", "Static friction at the screw", min=0.0)
     v_s: float = parameter(1.0, "rad/s", "Stribeck speed at the screw", min=1e-9)
-    T_cm: float = parameter(0.0, "N.m", "Coulomb friction of the motor, smoothed", min=0.0)
+    motor_friction: bool = parameter(False, "1", "Smoothed Coulomb friction of the motor")
+    T_cm: float = parameter(0.0, "N.m", "Coulomb friction of the motor", min=0.0)
     omega_cm: float = parameter(0.1, "rad/s", "Speed over which the motor friction changes sign", min=1e-9)
 
+    guide_friction: bool = parameter(False, "1", "LuGre friction of the guide")
     guide_sigma_0: float = parameter(2e7, "N/m", "Bristle stiffness at the guide", min=1e-6, nominal=1e7)
     guide_sigma_1: float = parameter(0.0, "N.s/m", "Bristle damping at the guide", min=0.0, nominal=1e4)
     guide_sigma_2: float = parameter(0.0, "N.s/m", "Viscous friction at the guide", min=0.0, nominal=100.0)
@@ -112,12 +115,12 @@ class CompliantBallscrew(Plant):
     experiment: ClassVar[Experiment] = Experiment(stop_time=1.0, step_size=2e-4)
 
     class State(Record):
-        position: float = variable(0.0, "m", "Position of the table", nominal=1e-4, display_unit="mm")
-        velocity: float = variable(0.0, "m/s", "Velocity of the table", nominal=1e-3, display_unit="mm/s")
-        deflection: float = variable(0.0, "m", "Travel of the screw less that of the table", nominal=1e-6)
-        speed: float = variable(0.0, "rad/s", "Speed of the screw", nominal=1.0)
-        bristle: float = variable(0.0, "rad", "Bristle deflection at the screw", nominal=1e-4)
-        guide_bristle: float = variable(0.0, "m", "Bristle deflection at the guide", nominal=1e-6)
+        position: float = variable(0.0, "m", "Position of the table", nominal=1e-2, display_unit="mm")
+        velocity: float = variable(0.0, "m/s", "Velocity of the table", nominal=1e-2, display_unit="mm/s")
+        deflection: float = variable(0.0, "m", "Travel of the screw less that of the table", nominal=1e-5)
+        speed: float = variable(0.0, "rad/s", "Speed of the screw", nominal=10.0)
+        bristle: float = variable(0.0, "rad", "Bristle deflection at the screw", nominal=1e-3)
+        guide_bristle: float = variable(0.0, "m", "Bristle deflection at the guide", nominal=1e-5)
 
     class Input(Record):
         command: float = variable(0.0, "A", "Current command")
@@ -133,7 +136,7 @@ class CompliantBallscrew(Plant):
         speed: float = variable(0.0, "rad/s", "Speed of the screw")
         nut_force: float = variable(0.0, "N", "Force of the nut on the table")
         friction_torque: float = variable(0.0, "N.m", "Friction at screw and motor")
-        guide_friction: float = variable(0.0, "N", "Friction at the guide")
+        guide_force: float = variable(0.0, "N", "Friction at the guide")
         current: float = variable(0.0, "A", "Motor current")
 
     def rules(self) -> tuple[Rule, ...]:
@@ -145,6 +148,13 @@ class CompliantBallscrew(Plant):
             Rule(
                 self.guide_F_S * self.F_S_negative >= self.guide_F_C * self.F_C_negative,
                 below.format("negative guide_"),
+            ),
+            Rule(
+                either(self.guide_friction, self.guide_F_S <= 0.0),
+                "guide_F_S is given but guide_friction is false. Set it true.",
+            ),
+            Rule(
+                either(self.motor_friction, self.T_cm <= 0.0), "T_cm is given but motor_friction is false. Set it true."
             ),
             Rule(
                 either(self.drift_amplitude <= 0.0, self.drift_frequency > 0.0),
@@ -182,31 +192,32 @@ class CompliantBallscrew(Plant):
         """Magnitude of the guide's friction without its viscous part, in steady sliding at ``velocity``."""
         return self._level(t, velocity, self.guide_F_C, self.guide_F_S, self.guide_v_s)
 
-    def _bristle_rates(self, t: float, x: State) -> tuple[float, float]:
-        return (
-            bristle_rate(x.bristle, x.speed, self.screw_level(t, x.speed), self.sigma_0),
-            bristle_rate(x.guide_bristle, x.velocity, self.guide_level(t, x.velocity), self.guide_sigma_0),
-        )
-
-    def _frictions(self, x: State, bristle_rate: float, guide_bristle_rate: float) -> tuple[float, float]:
-        """Friction torque at screw and motor, friction force at the guide."""
+    def _frictions(self, t: float, x: State) -> tuple[float, float, float, float]:
+        """Bristle rate and friction torque at the screw, bristle rate and friction force at the guide."""
+        rate = bristle_rate(x.bristle, x.speed, self.screw_level(t, x.speed), self.sigma_0)
         torque = friction(
             x.bristle,
-            bristle_rate,
+            rate,
             x.speed,
             sigma_0=self.sigma_0,
             sigma_1=self.sigma_1,
             sigma_2=self.sigma_2 * where(x.speed < 0.0, self.sigma_2_negative, 1.0),
         )
+        if self.motor_friction:
+            torque = torque + self.T_cm * tanh(x.speed / self.omega_cm)
+        guide_sigma_2 = self.guide_sigma_2 * where(x.velocity < 0.0, self.sigma_2_negative, 1.0)
+        if not self.guide_friction:
+            return rate, torque, 0.0, guide_sigma_2 * x.velocity
+        guide_rate = bristle_rate(x.guide_bristle, x.velocity, self.guide_level(t, x.velocity), self.guide_sigma_0)
         force = friction(
             x.guide_bristle,
-            guide_bristle_rate,
+            guide_rate,
             x.velocity,
             sigma_0=self.guide_sigma_0,
             sigma_1=self.guide_sigma_1,
-            sigma_2=self.guide_sigma_2 * where(x.velocity < 0.0, self.sigma_2_negative, 1.0),
+            sigma_2=guide_sigma_2,
         )
-        return torque + self.T_cm * tanh(x.speed / self.omega_cm), force
+        return rate, torque, guide_rate, force
 
     def _nut_force(self, x: State) -> float:
         rate = self.l_p * x.speed - x.velocity
@@ -217,8 +228,7 @@ class CompliantBallscrew(Plant):
         return where(x.deflection > self.gap_plus, push, where(x.deflection < -self.gap_minus, pull, 0.0))
 
     def derivative(self, t: float, x: State, u: Input) -> State:
-        bristle_rate, guide_bristle_rate = self._bristle_rates(t, x)
-        torque, force = self._frictions(x, bristle_rate, guide_bristle_rate)
+        rate, torque, guide_rate, force = self._frictions(t, x)
         nut_force = self._nut_force(x)
         drive = self.K_m * saturate(u.command, self.command_max)
         return self.State(
@@ -226,12 +236,12 @@ class CompliantBallscrew(Plant):
             velocity=(nut_force - force - u.load_force) / self.m,
             deflection=self.l_p * x.speed - x.velocity,
             speed=(drive - torque - u.load_torque - self.l_p * nut_force) / self.J,
-            bristle=bristle_rate,
-            guide_bristle=guide_bristle_rate,
+            bristle=rate,
+            guide_bristle=guide_rate,
         )
 
     def output(self, t: float, x: State, u: Input) -> Output:
-        torque, force = self._frictions(x, *self._bristle_rates(t, x))
+        _, torque, _, force = self._frictions(t, x)
         travel = x.position + x.deflection
         return self.Output(
             position=round_to(x.position, self.position_resolution),
@@ -242,6 +252,6 @@ class CompliantBallscrew(Plant):
             speed=x.speed,
             nut_force=self._nut_force(x),
             friction_torque=torque,
-            guide_friction=force,
+            guide_force=force,
             current=saturate(u.command, self.command_max),
         )
