@@ -1,0 +1,38 @@
+# Everything here works on a fresh machine with Python (3.11 or later) and make; nothing is installed outside .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/installed
+
+.PHONY: demo test lint fmus study bench conformance clean
+
+demo: fmus
+	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
+
+test: $(INSTALLED)
+	$(BIN)/python -m pytest
+
+lint: $(INSTALLED)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+fmus: $(INSTALLED)
+	$(BIN)/python build_fmus.py
+
+study: fmus
+	$(BIN)/cosim study shams2010 --output build/studies/shams2010
+
+bench: fmus
+	$(BIN)/python -m pip install --quiet --editable ".[bench]"
+	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+
+clean:
+	rm -rf build .pytest_cache .ruff_cache .hypothesis
+
+# reinstalled only when pyproject.toml changes
+$(INSTALLED): pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable ".[build,test]"
+	touch $(INSTALLED)
