@@ -12,7 +12,7 @@ from motion_loops import Sampled, reference, rk4
 
 from cosim.model import fill
 from fmus.controllers.cascade_pid import CascadePid, FeedForward
-from fmus.controllers.disturbance_observer import DisturbanceObserver
+from fmus.controllers.disturbance_observer import DisturbanceObserver, ForceTiming
 from fmus.controllers.friction_pulse import FrictionPulse, Mode
 from fmus.physics.sampling import VelocitySource
 from fmus.plant.ballscrew_stage import BallscrewStage
@@ -44,7 +44,11 @@ def circle(k: int) -> float:
 def test_axis_starts_a_circle_as_the_reference(name: str, g: float):
     expected = reference("feed_drive")[f"{name}_start"][:120]
     control = Sampled(CascadePid())
-    observer = Sampled(DisturbanceObserver(g=g, m_hat=380.0, b_hat=400.0, T_s=2.5e-4, velocity_filter_time=5e-4))
+    observer = Sampled(
+        DisturbanceObserver(
+            force_timing=ForceTiming.present, g=g, m_hat=380.0, b_hat=400.0, T_s=2.5e-4, velocity_filter_time=5e-4
+        )
+    )
     x, found = AXIS_X.initial(), np.zeros((len(expected), 5))
     for k in range(len(expected)):
         y = AXIS_X.output(k * 2.5e-4, x, AXIS_X.Input())

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from motion_loops import Sampled, assert_follows, motor_loop
 
-from fmus.controllers.disturbance_observer import DisturbanceObserver
+from fmus.controllers.disturbance_observer import DisturbanceObserver, ForceTiming
 from fmus.controllers.p_pi import PPi
 from fmus.physics.sampling import VelocitySource
 
@@ -32,20 +32,41 @@ def test_friction_at_positive_velocity_is_estimated_negative():
     assert estimate == pytest.approx(-4.0, rel=1e-6)
 
 
+MEASURED = {"velocity_source": VelocitySource.input}
+DRIVE = {"m_hat": 380.0, "b_hat": 400.0, "g": 50.0, "T_s": 2.5e-4, **MEASURED}
+
+
+def motion(k: int) -> tuple[float, float]:
+    """Some velocity and force."""
+    return 0.02 * math.sin(0.05 * k), 120.0 * math.sin(0.05 * k + 0.3)
+
+
 def test_load_observer_of_feed_drives_is_the_same_with_the_opposite_sign():
-    M, damping, g, T_s = 380.0, 400.0, 50.0, 2.5e-4
-    observer = Sampled(DisturbanceObserver(m_hat=M, b_hat=damping, g=g, T_s=T_s, velocity_source=VelocitySource.input))
-    E, y = math.exp(-g * T_s), None
+    observer = Sampled(DisturbanceObserver(force_timing=ForceTiming.present, **DRIVE))
+    E, y = math.exp(-50.0 * 2.5e-4), None
     for k in range(400):
-        velocity, force = 0.02 * math.sin(0.05 * k), 120.0 * math.sin(0.05 * k + 0.3)
-        y = g * M * velocity if y is None else y
-        load = y - g * M * velocity
+        velocity, force = motion(k)
+        y = 50.0 * 380.0 * velocity if y is None else y
+        load = y - 50.0 * 380.0 * velocity
         assert observer(velocity=velocity, applied_force=force).disturbance_estimate == pytest.approx(-load, abs=1e-9)
-        y = E * y + (1.0 - E) * (force - damping * velocity + g * M * velocity)
+        y = E * y + (1.0 - E) * (force - 400.0 * velocity + 50.0 * 380.0 * velocity)
+
+
+def test_force_of_the_sample_before_costs_only_its_last_change():
+    present = Sampled(DisturbanceObserver(force_timing=ForceTiming.present, **DRIVE))
+    before = Sampled(DisturbanceObserver(**DRIVE))
+    E = math.exp(-50.0 * 2.5e-4)
+    for k in range(400):
+        velocity, force = motion(k)
+        one = present(velocity=velocity, applied_force=force).disturbance_estimate
+        other = before(velocity=velocity, applied_force=motion(k - 1)[1]).disturbance_estimate
+        if k > 1:
+            change = motion(k - 1)[1] - motion(k - 2)[1]
+            assert other - one == pytest.approx((1.0 - E) * change, abs=1e-9)
 
 
 def test_loop_with_observer_follows_the_reference():
-    found = motor_loop(PPi(), 1001, disturbed=True, observer=DisturbanceObserver())
+    found = motor_loop(PPi(), 1001, disturbed=True, observer=DisturbanceObserver(force_timing=ForceTiming.present))
     assert_follows(found, "p_pi_observer_start", 1e-6)
 
 

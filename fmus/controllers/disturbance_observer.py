@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from cosim.model import Controller, Experiment, Record, exp, parameter, variable, where
+from cosim.model import Choice, Controller, Experiment, Record, exp, parameter, variable, where
 from fmus.physics.sampling import VelocitySource, velocity_estimate
+
+
+class ForceTiming(Choice):
+    """Which sample's force the input applied_force brings."""
+
+    before = 1, "That of the sample before: the controller runs after the observer"
+    present = 2, "That of this sample: the importer passes outputs on before it steps"
 
 
 class DisturbanceObserver(Controller):
@@ -13,15 +20,19 @@ class DisturbanceObserver(Controller):
 
         disturbance_estimate = Q(s)*((m_hat*s + b_hat)*velocity - applied_force),   Q = g/(s + g)
 
-        disturbance_estimate = g*m_hat*velocity - y
-        y[k+1] = E*y + (1 - E)*(applied_force - b_hat*velocity + g*m_hat*velocity),   E = exp(-g*T_s)
+        disturbance_estimate[k] = g*m_hat*velocity[k] - y[k]
+        y[k+1] = E*y[k] + (1 - E)*(applied_force[k] - b_hat*velocity[k] + g*m_hat*velocity[k]),   E = exp(-g*T_s)
 
     y starts so that the first estimate is 0. The estimate is the force that pushes towards positive position beyond
     applied_force; controllers subtract it, and friction, which opposes motion, is estimated negative for positive
     velocity. (Observers of a load force have the opposite sign and are added.) applied_force is the whole realised
-    force of the motor, limited and with the correction by this estimate in it: a controller's ``force``. It does not
-    feed through to the estimate, so there is no algebraic loop; a master that steps one component after the other
-    hands it over one sample late, which moves the errors of the linear motor's loop by 0.2 %.
+    force of the motor, limited and with the correction by this estimate in it: a controller's ``force``.
+
+    The estimate does not depend on applied_force of the same sample, so there is no algebraic loop with the
+    controller. In the loop the force of a sample is known only after the estimate: in a master that runs the observer
+    before the controller, or all in parallel, the input brings the force of the sample before. With force_timing
+    before, y is then kept exact, and only the last increment of the estimate uses a force one sample older, an error
+    of (1 - E) times the change of the force within a sample.
 
     A wrong m_hat or b_hat is estimated as a disturbance too. Do not combine it with a friction pulse, or with an
     integrator that is to compensate the same force.
@@ -35,6 +46,7 @@ class DisturbanceObserver(Controller):
     g: float = parameter(100.0, "rad/s", "Cut-off frequency", min=0.0, nominal=100.0)
     m_hat: float = parameter(11.0, "kg", "Estimated moving mass", min=0.0, nominal=10.0)
     b_hat: float = parameter(255.0, "N.s/m", "Estimated viscous damping", min=0.0, nominal=100.0)
+    force_timing: ForceTiming = parameter(ForceTiming.before, "1", "Sample of the force that applied_force brings")
     velocity_source: VelocitySource = parameter(VelocitySource.difference, "1", "Where the velocity comes from")
     velocity_filter_time: float = parameter(
         1e-3, "s", "Time constant of the velocity filter, 0 for none", min=0.0, nominal=1e-3, display_unit="ms"
@@ -43,7 +55,8 @@ class DisturbanceObserver(Controller):
     experiment: ClassVar[Experiment] = Experiment(stop_time=20.0, step_size=1e-4)
 
     class State(Record):
-        y: float = variable(0.0, "N", "Filtered model force", nominal=1e-3)
+        y: float = variable(0.0, "N", "Filtered model force, of the sample before with timing before", nominal=1e-3)
+        force_last: float = variable(0.0, "N", "Force brought at the sample before", nominal=1e-3)
         started: float = variable(0.0, "1", "1 after the first sample")
         position_last: float = variable(0.0, "m", "Position of the sample before", nominal=1e-6)
         velocity_last: float = variable(0.0, "m/s", "Velocity estimate of the sample before", nominal=1e-6)
@@ -68,18 +81,30 @@ class DisturbanceObserver(Controller):
             T_s=self.T_s,
             filter_time=self.velocity_filter_time,
         )
+        momentum_rate = self.g * self.m_hat * velocity
+        filtered = (
+            x.y if self.force_timing is ForceTiming.present else self.filtered(x.y, x.force_last, x.velocity_last)
+        )
         return self.Output(
-            disturbance_estimate=where(x.started > 0.5, self.g * self.m_hat * velocity - x.y, 0.0),
-            velocity_estimate=velocity,
+            disturbance_estimate=where(x.started > 0.5, momentum_rate - filtered, 0.0), velocity_estimate=velocity
         )
 
-    def update(self, t: float, x: State, u: Input, y: Output) -> State:
+    def filtered(self, y: float, force: float, velocity: float) -> float:
+        """``y`` a sample later."""
         E = exp(-self.g * self.T_s)
-        momentum_rate = self.g * self.m_hat * y.velocity_estimate
-        filtered = momentum_rate - y.disturbance_estimate
+        return E * y + (1.0 - E) * (force + (self.g * self.m_hat - self.b_hat) * velocity)
+
+    def update(self, t: float, x: State, u: Input, y: Output) -> State:
+        velocity = y.velocity_estimate
+        first = self.g * self.m_hat * velocity
+        if self.force_timing is ForceTiming.present:
+            following = self.filtered(where(x.started > 0.5, x.y, first), u.applied_force, velocity)
+        else:
+            following = where(x.started > 0.5, self.filtered(x.y, u.applied_force, x.velocity_last), first)
         return self.State(
-            y=E * filtered + (1.0 - E) * (u.applied_force - self.b_hat * y.velocity_estimate + momentum_rate),
+            y=following,
+            force_last=u.applied_force,
             started=1.0,
             position_last=u.position,
-            velocity_last=y.velocity_estimate,
+            velocity_last=velocity,
         )
