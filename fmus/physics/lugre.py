@@ -19,7 +19,7 @@ screw driven stage, Motion Control (IntechOpen), 2010, sec. 2.3 and eq. (3).
 
 from __future__ import annotations
 
-from cosim.model import exp, sign, where
+from cosim.model import exp, minimum, sign, where
 
 BRISTLE_NOMINAL = 1e-5
 """Order of magnitude of a bristle's deflection in rad: declare a state ``z`` with this nominal value."""
@@ -30,7 +30,8 @@ def friction_level(speed: float, F_C: float, F_S: float, v_s: float) -> float:
 
     F_C of sliding at high speed, F_S at the limit of standstill, v_s the Stribeck speed (> 0).
     """
-    return F_C + (F_S - F_C) * exp(-((speed / v_s) ** 2))
+    # e**-700 is still a normal number: the C library's exp is slow where it underflows
+    return F_C + (F_S - F_C) * exp(-minimum((speed / v_s) ** 2, 700.0))
 
 
 def bristle_rate(z: float, speed: float, level: float, sigma_0: float) -> float:
