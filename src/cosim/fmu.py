@@ -67,6 +67,8 @@ class Variable:
     text: str
     items: Mapping[str, int]
     """Names and values of an Enumeration, empty for other types."""
+    derivative_of: str | None = None
+    """The state whose time derivative this is."""
 
     @property
     def settable(self) -> bool:
@@ -346,6 +348,7 @@ def _variable(path: Path, v: Any, units: Mapping[str, Any]) -> Variable:
         max=high if v.type in ("Real", "Integer", "Enumeration") else None,
         text=v.description or "",
         items=MappingProxyType(items),
+        derivative_of=None if v.derivative is None else str(v.derivative.name),
     )
 
 

@@ -23,9 +23,11 @@ ir: Any = _ir
 intrinsic: Any = _intrinsic
 
 # Columns of ``program``. A set call first takes its ``COUNT`` values from the slots that ``sources`` names from
-# ``LINKS`` on.
-CALL, MULTIPLE, FUNCTION, COMPONENT, REFERENCES, COUNT, BUFFER, SLOT, LINKS, INSTANCE = range(10)
-PROGRAM_COLUMNS = 10
+# ``LINKS`` on; ``PLAIN`` says that none of them is transformed.
+PROGRAM_COLUMNS = 11
+CALL, MULTIPLE, FUNCTION, COMPONENT, REFERENCES, COUNT, BUFFER, SLOT, LINKS, PLAIN, INSTANCE = (
+    np.uint64(column) for column in range(PROGRAM_COLUMNS)
+)
 
 FUNCTIONS = (
     "fmi2SetReal",
@@ -46,19 +48,19 @@ STATE_LENGTH = 6
 @intrinsic
 def _exchange(typing: Any, function: Any, component: Any, references: Any, count: Any, buffer: Any) -> Any:
     """``fmi2Status function(component, references, count, buffer)``, all given as addresses."""
-    i64 = numba.types.int64
+    u64 = numba.types.uint64
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64)] * 4)
         return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
 
-    return numba.types.int32(i64, i64, i64, i64, i64), generate
+    return numba.types.int32(u64, u64, u64, u64, u64), generate
 
 
 @intrinsic
 def _do_step(typing: Any, function: Any, component: Any, time: Any, step: Any) -> Any:
     """``fmi2DoStep(component, time, step, fmi2True)`` with the function given as address."""
-    i64, f64 = numba.types.int64, numba.types.float64
+    u64, f64 = numba.types.uint64, numba.types.float64
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         real, int32 = ir.DoubleType(), ir.IntType(32)
@@ -66,20 +68,22 @@ def _do_step(typing: Any, function: Any, component: Any, time: Any, step: Any) -
         call = [*arguments[1:], ir.Constant(int32, 1)]
         return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), call)
 
-    return numba.types.int32(i64, i64, f64, f64), generate
+    return numba.types.int32(u64, u64, f64, f64), generate
 
 
 @numba.njit(
-    "boolean(int64[:, ::1], int64, int64[::1], float64[:, ::1], float64[::1], int32[::1], int64[::1], "
+    "boolean(uint64[::1], uint64, uint64[::1], float64[::1], float64[::1], float64[::1], int32[::1], uint64[::1], "
     "float64[:, ::1], float64[::1], int64[::1], int64, int64, int64)",
     cache=True,
     nogil=True,
+    error_model="numpy",
 )
-def advance(
+def advance(  # noqa: PLR0917 (numba calls by position)
     program: Any,
-    split: int,
+    split: Any,
     sources: Any,
-    gains: Any,
+    factors: Any,
+    offsets: Any,
     values: Any,
     integers: Any,
     recorded: Any,
@@ -92,50 +96,59 @@ def advance(
 ) -> bool:
     """Go on from communication point ``state[POINT]`` to ``end``; False if an FMI call failed.
 
-    ``program`` has ``split`` rows for a communication point, the others step to the next. ``gains`` holds factor and
-    offset of each connection, ``clock`` start time and step size. ``rows`` gets the ``recorded`` slots at every
-    ``decimation``-th point. Point ``end`` is left to the next call, except for the ``last`` one of the run, from
-    which nothing steps any more.
+    ``program`` holds its rows one behind the other, ``split`` of them for a communication point, the others to step
+    to the next. Set calls transform by ``factors`` and ``offsets``; ``clock`` is start time and step size. ``rows``
+    gets the ``recorded`` slots at every ``decimation``-th point. Point ``end`` is left to the next call, except for
+    the ``last`` one of the run, from which nothing steps any more.
     """
     start, step = clock[0], clock[1]
+    width = np.uint64(PROGRAM_COLUMNS)
     for k in range(state[POINT], end + 1):
         if k == end and end != last:
             break
         for phase in range(2):
             if phase == 1:
-                if k % decimation == 0:
-                    record = k // decimation
+                if decimation == 1 or np.uint64(k) % np.uint64(decimation) == 0:
+                    record = state[ROWS]
                     for column in range(recorded.size):
                         rows[record, column] = values[recorded[column]]
                     state[ROWS] = record + 1
                 if k == last:
                     break
-            for row in range(split * phase, split if phase == 0 else program.shape[0]):
-                multiple = program[row, MULTIPLE]
-                if multiple != 1 and (k + phase) % multiple != 0:
+            at = width * split if phase == 1 else np.uint64(0)
+            stop = np.uint64(program.size) if phase == 1 else width * split
+            while at < stop:
+                call, function, component = program[at + CALL], program[at + FUNCTION], program[at + COMPONENT]
+                multiple = program[at + MULTIPLE]
+                slot, count, link = program[at + SLOT], program[at + COUNT], program[at + LINKS]
+                row = at
+                at += width
+                if multiple != 1 and np.uint64(k + phase) % multiple != 0:
                     continue
-                call, function, component = program[row, CALL], program[row, FUNCTION], program[row, COMPONENT]
                 if call == DO_STEP:
-                    begin = k + 1 - multiple
-                    status = _do_step(function, component, start + begin * step, multiple * step)
+                    length = np.int64(multiple)
+                    status = _do_step(function, component, start + (k + 1 - length) * step, length * step)
                 else:
-                    slot, count = program[row, SLOT], program[row, COUNT]
                     if call <= SET_BOOLEAN:
-                        link = program[row, LINKS]
+                        if program[row + PLAIN] != 0:
+                            for i in range(count):
+                                values[slot + i] = values[sources[link + i]]
+                        else:
+                            for i in range(count):
+                                values[slot + i] = factors[link + i] * values[sources[link + i]] + offsets[link + i]
+                        if call == SET_INTEGER:
+                            for i in range(count):
+                                integers[slot + i] = np.int32(np.rint(values[slot + i]))
+                        elif call == SET_BOOLEAN:
+                            for i in range(count):
+                                integers[slot + i] = np.int32(values[slot + i] != 0.0)
+                    status = _exchange(function, component, program[row + REFERENCES], count, program[row + BUFFER])
+                    if call >= GET_INTEGER:
                         for i in range(count):
-                            value = gains[link + i, 0] * values[sources[link + i]] + gains[link + i, 1]
-                            values[slot + i] = value
-                            if call == SET_INTEGER:
-                                integers[slot + i] = np.int32(np.rint(value))
-                            elif call == SET_BOOLEAN:
-                                integers[slot + i] = np.int32(value != 0.0)
-                    status = _exchange(function, component, program[row, REFERENCES], count, program[row, BUFFER])
-                    if call == GET_INTEGER or call == GET_BOOLEAN:
-                        for i in range(slot, slot + count):
-                            values[i] = integers[i]
+                            values[slot + i] = integers[slot + i]
                 if status != 0:
                     if status != 1:
-                        state[FAILED_INSTANCE] = program[row, INSTANCE]
+                        state[FAILED_INSTANCE] = program[row + INSTANCE]
                         state[FAILED_CALL] = call
                         state[FAILED_STATUS] = status
                         return False

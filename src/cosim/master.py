@@ -35,11 +35,12 @@ import signal
 import tempfile
 import threading
 import time as clock_time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType, MappingProxyType, TracebackType
 from typing import Any, Self, cast
 
 import fmpy as _fmpy
@@ -50,10 +51,10 @@ from fmpy import logging as _fmi_logging
 from numpy.typing import NDArray
 
 from . import loop
-from .errors import DescriptionError, SimulationError
-from .fmu import Fmu, Variable
+from .errors import DescriptionError, SimulationError, suggest
+from .fmu import Fmu, Value, Variable
 from .results import Column, Message, Result
-from .system import Connection, Instance, System
+from .system import Connection, Instance, System, start_value
 
 fmpy: Any = _fmpy
 fmi1: Any = _fmi1
@@ -129,6 +130,8 @@ class Simulation:
         self.debug = debug
         self._slaves: list[_Slave] = []
         self._fresh = True
+        self._program: tuple[System, _Program] | None = None
+        self._saved: list[tuple[_Slave, Any]] = []
         self._resources = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
@@ -145,26 +148,133 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """Free all instances and delete what was unpacked."""
+        """Free all instances and delete what was unpacked. Checkpoints end here, too."""
+        self._free_saved(self._saved)
         for slave in self._slaves:
             slave.free()
         self._slaves.clear()
+        self._saved = []
+        self._program = None
         self._resources.close()
 
     def run(self, system: System | None = None, *, progress: Progress | None = None) -> Result:
         """Run from the start, with another variant of the system if one is given (same instances of the same FMUs)."""
+        run = self._ready(self.system if system is None else system)
+        with _watching_for_interrupt() as interrupted:
+            return run.go(progress, interrupted)
+
+    def pause(self, time: float, system: System | None = None) -> Checkpoint:
+        """Run from the start to ``time`` and keep what there is, for ``resume``.
+
+        Needs FMUs that save their state (fmi2GetFMUstate). Raises DescriptionError for a time that is no communication
+        point of the run before its end, CallError.
+        """
         system = self.system if system is None else system
+        point = _point(system, time)
+        run = self._ready(system)
+        with _watching_for_interrupt() as interrupted:
+            result = run.go(None, interrupted, end=point)
+        saved: list[tuple[_Slave, Any]] = []
+        try:
+            for slave in self._slaves:
+                saved.append((slave, slave.save()))
+        except CallError:
+            self._free_saved(saved)
+            raise
+        self._saved += saved
+        program = run.program
+        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.integers.copy())
+
+    def resume(
+        self,
+        checkpoint: Checkpoint,
+        changes: Mapping[str, object] | None = None,
+        *,
+        stop_time: float | None = None,
+        progress: Progress | None = None,
+    ) -> Result:
+        """Go on from a checkpoint of this simulation to ``stop_time`` (the system's if not given); rows from there on.
+
+        ``changes`` gives tunable parameters and unconnected inputs another value from the checkpoint on.
+        """
+        system = checkpoint.system
+        end = system.steps if stop_time is None else _point(system, stop_time)
+        if end <= checkpoint.point:
+            raise DescriptionError(f"stop time {stop_time} s is not after the checkpoint at {checkpoint.time:.9g} s.")
+        values = _changes(system, changes or {})
+        run = _Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end)
+        self.restore(checkpoint)
+        run.program.values[:] = checkpoint.values
+        run.program.integers[:] = checkpoint.integers
+        with _watching_for_interrupt() as interrupted:
+            return run.go_on(values, progress, interrupted)
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Bring every instance back to where it was at ``checkpoint``."""
+        if not self._slaves:
+            raise DescriptionError("the simulation is closed. Use it in a with statement.")
+        for slave, state in checkpoint.saved:
+            slave.call("fmi2SetFMUstate", state)
+        self._fresh = False
+
+    def release(self, checkpoint: Checkpoint) -> None:
+        """Free the FMU states of a checkpoint before the simulation ends."""
+        self._saved = [entry for entry in self._saved if entry not in checkpoint.saved]
+        self._free_saved(checkpoint.saved)
+
+    def partial_derivatives(self, instance: str, unknowns: Sequence[str], knowns: Sequence[str]) -> NDArray[np.float64]:
+        """Partial derivatives of ``unknowns`` (rows) by ``knowns`` of an instance where it is now; SI units.
+
+        Needs an FMU with fmi2GetDirectionalDerivative; ``restore`` a checkpoint first. Raises CallError.
+        """
+        slave = self._slave(instance)
+        variables = slave.fmu.variables
+        rows = _references([variables[name] for name in unknowns])
+        matrix = np.zeros((len(unknowns), len(knowns)))
+        found, seed = (ctypes.c_double * len(unknowns))(), (ctypes.c_double * 1)(1.0)
+        for column, name in enumerate(knowns):
+            reference = _references([variables[name]])
+            slave.call("fmi2GetDirectionalDerivative", rows, len(unknowns), reference, 1, seed, found)
+            matrix[:, column] = found
+        return matrix
+
+    def value(self, instance: str, variable: str) -> float:
+        """The value of a numeric variable where its instance is now."""
+        slave = self._slave(instance)
+        return slave.get(slave.fmu.variables[variable])
+
+    def _slave(self, instance: str) -> _Slave:
+        for slave in self._slaves:
+            if slave.name == instance:
+                return slave
+        raise DescriptionError(f"no instance '{instance}'.{suggest(instance, (s.name for s in self._slaves))}")
+
+    def _ready(self, system: System) -> _Run:
+        """A run from the start on instances as new."""
         if not self._slaves:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
             raise DescriptionError(f"{system.name}: not the instances of {self.system.name}. Make a new Simulation.")
-        run = _Run(system, self._slaves)
+        run = _Run(system, self._slaves, self._prepared(system))
         if not self._fresh:
             for slave in self._slaves:
                 slave.call("fmi2Reset")
         self._fresh = False
-        with _watching_for_interrupt() as interrupted:
-            return run.go(progress, interrupted)
+        return run
+
+    def _prepared(self, system: System) -> _Program:
+        """The program of ``system``: that of the run before, if only start values and times differ."""
+        if self._program is None or not _same_program(self._program[0], system):
+            self._program = system, _program(system, self._slaves)
+        program = self._program[1]
+        program.values[:] = 0.0
+        program.integers[:] = 0
+        return program
+
+    @staticmethod
+    def _free_saved(saved: Sequence[tuple[_Slave, Any]]) -> None:
+        for slave, state in saved:
+            slave.forget(state)
 
     def _open(self) -> None:
         folders: dict[str, tuple[Path, Path]] = {}
@@ -176,6 +286,64 @@ class Simulation:
             slave = _Slave(instance, *folders[digest], debug=self.debug)
             self._slaves.append(slave)
             slave.load(number)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run held at a communication point, from which ``Simulation.resume`` goes on any number of times."""
+
+    system: System
+    time: float
+    result: Result
+    """The rows before that point."""
+    point: int
+    saved: Sequence[tuple[_Slave, Any]]
+    values: NDArray[np.float64]
+    integers: NDArray[np.int32]
+
+
+def _point(system: System, time: float) -> int:
+    """Number of the communication point at ``time``."""
+    steps = (time - float(system.start_time)) / float(system.step_size)
+    point = round(steps)
+    if abs(steps - point) > 1e-6 or not 0 < point <= system.steps:
+        raise DescriptionError(
+            f"{system.name}: {time:.9g} s is no communication point after the start at {system.start_time} s "
+            f"up to {system.stop_time} s. Take a whole number of steps of {system.step_size} s."
+        )
+    return point
+
+
+def _same_program(one: System, other: System) -> bool:
+    """Whether two variants of a system differ in nothing that a program holds."""
+    same = one.connections == other.connections and one.record == other.record and one.visits == other.visits
+    multiples = [(i.name, i.step_multiple) for i in one.instances] == [
+        (i.name, i.step_multiple) for i in other.instances
+    ]
+    return same and multiples and one.parallel == other.parallel
+
+
+def _changes(system: System, changes: Mapping[str, object]) -> list[tuple[int, Variable, Value]]:
+    """Instance number, variable and value of what changes at a checkpoint."""
+    problems: list[str] = []
+    found: list[tuple[int, Variable, Value]] = []
+    names = [instance.name for instance in system.instances]
+    fed = {connection.target for connection in system.connections}
+    for path, given in changes.items():
+        name, _, variable_name = path.partition(".")
+        variable = system.variable(name, variable_name)
+        value, problem = start_value(variable, given)
+        if variable.causality != "input" and variable.variability != "tunable":
+            problems.append(f"{path}: a {variable.variability} {variable.causality} cannot change during a run.")
+        elif (name, variable_name) in fed:
+            problems.append(f"{path}: this input is connected; only unconnected ones can be changed.")
+        elif problem or value is None:
+            problems.append(f"{path}: {problem}")
+        else:
+            found.append((names.index(name), variable, value))
+    if problems:
+        raise DescriptionError(problems)
+    return found
 
 
 class _Log:
@@ -302,6 +470,17 @@ class _Slave:
         self.call(f"fmi2Get{kind}", _references([variable]), 1, buffer)
         return float(buffer[0])
 
+    def save(self) -> Any:
+        """The FMU's state, for fmi2SetFMUstate."""
+        state = ctypes.c_void_p()
+        self.call("fmi2GetFMUstate", ctypes.byref(state))
+        return state
+
+    def forget(self, state: Any) -> None:
+        """Free a saved state."""
+        if self._slave is not None and not self.fatal and state.value is not None:
+            self.call("fmi2FreeFMUstate", ctypes.byref(state))
+
     def free(self) -> None:
         """Free the instance and its library, unless it said fmi2Fatal."""
         if self._slave is not None and not self.fatal:
@@ -329,11 +508,12 @@ class _Program:
     """Calls at a communication point, from one to the next, and of a pass of initialization."""
     outputs: list[list[int]]
     """Calls that read all outputs needed."""
-    sources: NDArray[np.int64]
-    gains: NDArray[np.float64]
+    sources: NDArray[np.uint64]
+    factors: NDArray[np.float64]
+    offsets: NDArray[np.float64]
     values: NDArray[np.float64]
     integers: NDArray[np.int32]
-    recorded: NDArray[np.int64]
+    recorded: NDArray[np.uint64]
     references: list[NDArray[np.uint32]]
     """Held because the calls know them by address only."""
 
@@ -399,9 +579,11 @@ def _program(system: System, slaves: list[_Slave]) -> _Program:
             if group is None:
                 continue
             if call in (loop.SET_REAL, loop.SET_INTEGER, loop.SET_BOOLEAN):
+                links = [into[variable.name] for variable in group]
                 sets[instance.name].append(row(call, group))
-                sources += [slots[into[variable.name].source] for variable in group]
-                gains += [(into[variable.name].factor, into[variable.name].offset) for variable in group]
+                sets[instance.name][-1][loop.PLAIN] = all((c.factor, c.offset) == (1.0, 0.0) for c in links)
+                sources += [slots[c.source] for c in links]
+                gains += [(c.factor, c.offset) for c in links]
             else:
                 gets[instance.name].append(row(call, group))
         steps += [row(loop.DO_STEP, []), *gets[instance.name]]
@@ -420,11 +602,12 @@ def _program(system: System, slaves: list[_Slave]) -> _Program:
         step=steps,
         initial=initial,
         outputs=[cells for rows in gets.values() for cells in rows],
-        sources=np.array(sources, dtype=np.int64),
-        gains=np.array(gains, dtype=np.float64).reshape(-1, 2),
+        sources=np.array(sources, dtype=np.uint64),
+        factors=np.array([factor for factor, _ in gains], dtype=np.float64),
+        offsets=np.array([offset for _, offset in gains], dtype=np.float64),
         values=values,
         integers=integers,
-        recorded=np.array([slots[end] for end in system.record], dtype=np.int64),
+        recorded=np.array([slots[end] for end in system.record], dtype=np.uint64),
         references=references,
     )
 
@@ -432,13 +615,19 @@ def _program(system: System, slaves: list[_Slave]) -> _Program:
 class _Run:
     """One run of a system on loaded instances."""
 
-    def __init__(self, system: System, slaves: list[_Slave]) -> None:
+    def __init__(
+        self, system: System, slaves: list[_Slave], program: _Program, *, begin: int = 0, end: int | None = None
+    ) -> None:
         self.system = system
         self.slaves = slaves
-        self.program = _program(system, slaves)
+        self.program = program
+        self.last = system.steps if end is None else end
+        """The communication point that ends the run."""
         self.clock = np.array([float(system.start_time), float(system.step_size)])
         self.state = np.zeros(loop.STATE_LENGTH, dtype=np.int64)
-        shape = (system.steps // system.decimation + 1, len(system.record))
+        self.state[loop.POINT] = begin
+        self.first_row = -(-begin // system.decimation)
+        shape = (self.last // system.decimation + 1 - self.first_row, len(system.record))
         try:
             self.rows = np.empty(shape)
         except MemoryError:
@@ -454,18 +643,34 @@ class _Run:
     def time(self) -> float:
         return float(self.clock[0] + self.state[loop.POINT] * self.clock[1])
 
-    def go(self, progress: Progress | None, interrupted: Callable[[], bool]) -> Result:
-        for slave in self.slaves:
-            slave.log.clock = self.time
-            slave.log.messages = []
-            slave.log.dropped = 0
-            slave.log.last = ""
+    def go(self, progress: Progress | None, interrupted: Callable[[], bool], *, end: int | None = None) -> Result:
+        """From initialization to termination; or to point ``end``, which is left to whoever goes on."""
+        self.watch()
         try:
             self.initialize()
+            stopped = self.step(progress, interrupted, end)
+            solver = self.counters()
+            if end is None:
+                for slave in self.slaves:
+                    slave.call("fmi2Terminate")
+        except CallError as error:
+            error.result = self.result({}, partial=True)
+            raise
+        result = self.result(solver, partial=stopped or end is not None)
+        if stopped:
+            raise Interrupted(result)
+        return result
+
+    def go_on(
+        self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Callable[[], bool]
+    ) -> Result:
+        """From a restored checkpoint to the end. The instances are left there: their state is set or reset next."""
+        self.watch()
+        try:
+            for number, variable, value in changes:
+                self.slaves[number].set(variable, value)
             stopped = self.step(progress, interrupted)
             solver = self.counters()
-            for slave in self.slaves:
-                slave.call("fmi2Terminate")
         except CallError as error:
             error.result = self.result({}, partial=True)
             raise
@@ -473,6 +678,14 @@ class _Run:
         if stopped:
             raise Interrupted(result)
         return result
+
+    def watch(self) -> None:
+        """Begin this run's log."""
+        for slave in self.slaves:
+            slave.log.clock = self.time
+            slave.log.messages = []
+            slave.log.dropped = 0
+            slave.log.last = ""
 
     def initialize(self) -> None:
         system = self.system
@@ -510,15 +723,15 @@ class _Run:
 
     def once(self, calls: list[list[int]]) -> None:
         """Make some calls at the start of the run, recording nothing."""
-        nothing = np.zeros(0, dtype=np.int64)
+        nothing = np.zeros(0, dtype=np.uint64)
         self.loop(_array(calls), len(calls), nothing, np.zeros((0, 0)), 0, 0, 1)
         self.state[loop.ROWS] = 0
 
     def loop(
         self,
-        program: NDArray[np.int64],
+        program: NDArray[np.uint64],
         split: int,
-        recorded: NDArray[np.int64],
+        recorded: NDArray[np.uint64],
         rows: NDArray[np.float64],
         end: int,
         last: int,
@@ -526,19 +739,21 @@ class _Run:
     ) -> None:
         """Let the compiled loop go on to ``end``; raises CallError."""
         p = self.program
-        ready = p.sources, p.gains, p.values, p.integers, recorded, rows, self.clock, self.state
+        ready = p.sources, p.factors, p.offsets, p.values, p.integers, recorded, rows, self.clock, self.state
         if not loop.advance(program, split, *ready, end, last, decimation):
             slave = self.slaves[self.state[loop.FAILED_INSTANCE]]
             function = loop.FUNCTIONS[self.state[loop.FAILED_CALL]]
             raise slave.failed(function, int(self.state[loop.FAILED_STATUS]))
 
-    def step(self, progress: Progress | None, interrupted: Callable[[], bool]) -> bool:
-        """Run all steps, in chunks of about ``CHUNK_SECONDS``; True if interrupted."""
-        last, chunk = self.system.steps, 64
+    def step(self, progress: Progress | None, interrupted: Callable[[], bool], pause: int | None = None) -> bool:
+        """Run all steps, or those before point ``pause``, in chunks of about ``CHUNK_SECONDS``; True if interrupted."""
+        chunk = 64
+        stop = self.last if pause is None else pause
+        last = stop if pause is None else stop + 1
         program = _array(self.program.point + self.program.step)
         split = len(self.program.point)
         while True:
-            end = min(int(self.state[loop.POINT]) + chunk, last)
+            end = min(int(self.state[loop.POINT]) + chunk, stop)
             begun = clock_time.perf_counter()
             try:
                 self.loop(program, split, self.program.recorded, self.rows, end, last, self.system.decimation)
@@ -546,8 +761,8 @@ class _Run:
                 spent = clock_time.perf_counter() - begun
                 self.stepping_seconds += spent
             if progress is not None:
-                progress(end / last)
-            if end == last:
+                progress(end / stop)
+            if end == stop:
                 return False
             if interrupted():
                 return True
@@ -565,7 +780,7 @@ class _Run:
         system = self.system
         count = int(self.state[loop.ROWS])
         messages = [*self.notices, *(m for slave in self.slaves for m in slave.log.messages)]
-        points = np.arange(count, dtype=np.float64) * system.decimation
+        points = np.arange(self.first_row, self.first_row + count, dtype=np.float64) * system.decimation
         return Result(
             time=self.clock[0] + points * self.clock[1],
             rows=self.rows[:count],
@@ -587,15 +802,15 @@ class _Run:
                 "connections": [str(connection) for connection in system.connections],
                 "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
                 "warnings": int(self.state[loop.WARNINGS]),
-                "versions": _versions(),
+                "versions": dict(_versions()),
                 "total_seconds": clock_time.perf_counter() - self.started,
                 "stepping_seconds": self.stepping_seconds,
             },
         )
 
 
-def _array(calls: list[list[int]]) -> NDArray[np.int64]:
-    return np.array(calls, dtype=np.int64).reshape(-1, loop.PROGRAM_COLUMNS)
+def _array(calls: list[list[int]]) -> NDArray[np.uint64]:
+    return np.array(calls, dtype=np.uint64).reshape(-1)
 
 
 def _column(name: str, variable: Variable) -> Column:
@@ -606,11 +821,12 @@ def _column(name: str, variable: Variable) -> Column:
     return Column(name, unit, variable.text, shown.name, shown.factor, shown.offset)
 
 
-def _versions() -> dict[str, str]:
+@cache
+def _versions() -> Mapping[str, str]:
     found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
     with contextlib.suppress(PackageNotFoundError):
         found["motion-cosim"] = version("motion-cosim")
-    return found
+    return MappingProxyType(found)
 
 
 def _temporary_folder() -> tempfile.TemporaryDirectory[str]:

@@ -37,7 +37,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
@@ -50,6 +50,8 @@ from .units import conversion, same_unit
 
 Order = Literal["sequential", "parallel"] | tuple[str, ...]
 FMU_FOLDER = Path("build") / "fmus" / "native"
+
+_PACKAGE = Path(__file__).resolve().parent
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _ARROW = re.compile(r"\s*(\S+)\s*->\s*(\S+)\s*")
@@ -151,7 +153,33 @@ class System:
             record=record,
             decimation=decimation,
         )
+        experiment = (stop_time, step_size, order, record, decimation)
+        if overrides and all(value is None for value in experiment) and (starts := self._starts(overrides)) is not None:
+            return self._with_starts(starts, document)
         return make_system(document, name=self.name, folder=self.folder, fmus=self.fmus)
+
+    def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
+        """Start values by instance, if they are right and the rest of the system cannot depend on them."""
+        starts: dict[str, dict[str, Value]] = {}
+        for path, given in overrides.items():
+            name, _, variable_name = path.partition(".")
+            variable = self.instance(name).fmu.variables.get(variable_name)
+            if variable is None or variable_name == "T_s" or not variable.settable:
+                return None
+            value, _ = start_value(variable, given)
+            if value is None:
+                return None
+            starts.setdefault(name, {})[variable_name] = value
+        return starts
+
+    def _with_starts(self, starts: Mapping[str, Mapping[str, Value]], document: Mapping[str, Any]) -> System:
+        """What ``make_system`` gives for ``document``, without checking again what start values cannot change."""
+        instances = {
+            i.name: replace(i, start={**i.start, **starts[i.name]}) if i.name in starts else i for i in self.instances
+        }
+        times = (self.start_time, self.stop_time, self.step_size)
+        digest = _digest(instances, self.connections, times, self.order, self.tolerance, self.record, self.decimation)
+        return replace(self, instances=tuple(instances.values()), digest=digest, document=document)
 
 
 def read_system(
@@ -171,7 +199,7 @@ def read_system(
     Raises DescriptionError with every problem found.
     """
     path = Path(path)
-    document = _changed(
+    document, problems = _changed(
         _load(path, ()),
         path.name,
         overrides or {},
@@ -181,14 +209,14 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return make_system(document, name=path.name, folder=path.parent, fmus=Path(fmus) if fmus is not None else None)
+    return _Reader(document, path.name, path.parent, None if fmus is None else Path(fmus), problems).system()
 
 
 def make_system(
     document: Mapping[str, Any], *, name: str = "system", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> System:
     """Check a system given as nested tables, as a system file holds them. ``folder`` is where its paths start."""
-    return _Reader(document, name, Path(folder), None if fmus is None else Path(fmus)).system()
+    return _Reader(document, name, Path(folder), None if fmus is None else Path(fmus), []).system()
 
 
 def parse_value(text: str) -> object:
@@ -235,8 +263,8 @@ def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]
 
 def _changed(
     document: Mapping[str, Any], name: str, overrides: Mapping[str, object], **experiment: object
-) -> dict[str, Any]:
-    """``document`` with start values and experiment replaced; what cannot be placed is a problem."""
+) -> tuple[dict[str, Any], list[str]]:
+    """``document`` with start values and experiment replaced, and problems: what cannot be placed."""
     instances = document.get("instances")
     known = list(cast("Mapping[str, Any]", instances)) if isinstance(instances, Mapping) else []
     problems: list[str] = []
@@ -249,8 +277,6 @@ def _changed(
             problems.append(f"{name}: value for {path}: no instance '{instance}'.{suggest(instance, known)}")
         else:
             starts.setdefault(instance, {})[variable] = value
-    if problems:
-        raise DescriptionError(problems)
     over: dict[str, Any] = {}
     if starts:
         tables = dict(cast("Mapping[str, Any]", instances))
@@ -272,7 +298,7 @@ def _changed(
     given = {key: _decimal(value) or value for key, value in experiment.items() if value is not None}
     if given:
         over["experiment"] = given
-    return _merged(document, over)
+    return _merged(document, over), problems
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -315,12 +341,14 @@ def _unit(variable: Variable) -> str:
 class _Reader:
     """Turns a document into a System, collecting problems instead of stopping at the first."""
 
-    def __init__(self, document: Mapping[str, Any], name: str, folder: Path, fmus: Path | None) -> None:
+    def __init__(
+        self, document: Mapping[str, Any], name: str, folder: Path, fmus: Path | None, problems: Sequence[str]
+    ) -> None:
         self.document = document
         self.name = name
         self.folder = folder
         self.fmus = fmus
-        self.problems: list[str] = []
+        self.problems = list(problems)
         self.notes: list[str] = []
 
     def problem(self, where: str, text: str) -> None:
@@ -560,7 +588,7 @@ class _Reader:
             remedy = "Only parameters, inputs and initial states can be set."
             self.problem(where, f"a {variable.variability} {variable.causality} cannot be set. {remedy}")
             return
-        value, problem = _start_value(variable, given)
+        value, problem = start_value(variable, given)
         if problem:
             self.problem(where, problem)
         elif value is not None:
@@ -792,19 +820,30 @@ class _Reader:
 
 
 def find_fmus(folder: Path) -> Path | None:
-    """``build/fmus/native`` in ``folder`` or a folder above it, else above the working directory; None if nowhere."""
+    """Where FMUs given by name are: ``build/fmus/native`` in or above ``folder`` or the working directory, else the
+    FMUs that come with the package. None if there are none.
+    """
     for start in (folder.resolve(), Path.cwd()):
         for place in (start, *start.parents):
             if (place / FMU_FOLDER).is_dir():
                 return place / FMU_FOLDER
-    return None
+    return next((place for place in (_PACKAGE / "fmus",) if place.is_dir()), None)
+
+
+def shipped_systems() -> dict[str, Path]:
+    """System files that come with the project: ``study/system`` -> path."""
+    found: dict[str, Path] = {}
+    for place in (_PACKAGE.parents[1] / "studies", _PACKAGE / "studies"):
+        for path in sorted(place.glob("*/*.toml")):
+            found.setdefault(f"{path.parent.name}/{path.stem}", path)
+    return found
 
 
 def _numeric(variable: Variable) -> bool:
     return variable.type != "String"
 
 
-def _start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
+def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
     """The start value for ``variable``, or what is wrong with it."""
     kind, unit = variable.type, _unit(variable)
     if kind == "String":

@@ -1,0 +1,520 @@
+"""The command line: ``cosim run``, ``check``, ``info``, ``list``, ``study``.
+
+Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import tomllib
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from rich.box import SIMPLE, SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from .errors import CosimError, DescriptionError, suggest
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from .fmu import Fmu, Variable
+    from .master import CallError
+    from .metrics import Row
+    from .results import Result
+    from .system import System
+
+MAX_SHOWN_MESSAGES = 20
+PIPE_WIDTH = 140
+"""Width of tables that go to a file or a pipe."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    try:
+        return options.command(options)
+    except DescriptionError as error:
+        problems = error.problems
+        if len(problems) > 1:
+            _complain(f"{len(problems)} problems:")
+        for problem in problems:
+            _complain(problem)
+        return 2
+    except CosimError as error:
+        _complain(str(error))
+        return 1
+    except KeyboardInterrupt:
+        _complain("Interrupted.")
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output (head, less) has gone.
+        sys.stderr.close()
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="cosim",
+        description="Co-simulation of FMI 2.0 FMUs for precision motion.",
+        epilog="Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.",
+    )
+    parser.add_argument("--version", action="version", version=f"cosim {version('motion-cosim')}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    run = commands.add_parser(
+        "run",
+        help="run a system",
+        description="Run a system and show what came out.",
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet",
+    )
+    _system_arguments(run)
+    run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
+    run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
+    run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
+    run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
+    run.set_defaults(command=_run)
+
+    check = commands.add_parser(
+        "check",
+        help="check a system without running it",
+        description="Check a system file and say how it will run.",
+        epilog="Example: cosim check studies/shams2010/fsmc_5sin.toml",
+    )
+    _system_arguments(check)
+    check.set_defaults(command=_check)
+
+    info = commands.add_parser(
+        "info",
+        help="show the variables of an FMU",
+        description="Show what an FMU offers: variables with unit, start value and bounds, and its feedthrough.",
+        epilog="Example: cosim info BallscrewStage",
+    )
+    info.add_argument("fmu", metavar="FMU", help="a name in the FMU folder, such as BallscrewStage, or an .fmu file")
+    _fmus_argument(info)
+    info.set_defaults(command=_info)
+
+    listing = commands.add_parser(
+        "list", help="list FMUs, systems and studies", description="List the FMUs found and the systems shipped."
+    )
+    _fmus_argument(listing)
+    listing.set_defaults(command=_list)
+
+    study = commands.add_parser(
+        "study",
+        help="run a study and write its report",
+        description="Run all systems of a study and write its report: what was published, what was measured.",
+        epilog="Example: cosim study shams2010 --output results/shams2010",
+    )
+    study.add_argument("name", metavar="NAME", help="a study, such as shams2010; cosim list shows all")
+    study.add_argument("--output", type=Path, metavar="DIR", help="folder of the report (default: results/NAME)")
+    _fmus_argument(study)
+    study.set_defaults(command=_study)
+    return parser
+
+
+def _system_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("system", metavar="SYSTEM", help="a system file, or one of 'cosim list' (shams2010/fsmc_5sin)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="INST.VAR=VALUE",
+        dest="values",
+        help="a start value, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
+    )
+    parser.add_argument("--stop-time", metavar="SECONDS", help="end of the run, such as 2.5")
+    parser.add_argument("--step-size", metavar="SECONDS", help="communication step, such as 1e-4")
+    parser.add_argument(
+        "--order", metavar="ORDER", help="sequential, parallel, or instances such as trajectory,controller,plant"
+    )
+    parser.add_argument(
+        "--record",
+        action="append",
+        metavar="PATTERN",
+        help="what to record, such as plant.position or 'controller.*'; may be repeated (default: as in the file)",
+    )
+    parser.add_argument("--decimation", type=int, metavar="N", help="record every N-th communication point")
+    _fmus_argument(parser)
+
+
+def _fmus_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--fmus", type=Path, metavar="DIR", help="folder of FMUs given by name (default: build/fmus/native)"
+    )
+
+
+def _console() -> Console:
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = max(console.width, PIPE_WIDTH)
+    return console
+
+
+def _complain(text: str) -> None:
+    """A line on standard error, never folded, so that it can be searched for."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console.print(f"[bold red]error:[/] {escape(text)}")
+
+
+def _remark(text: str) -> None:
+    Console(stderr=True, highlight=False, soft_wrap=True).print(escape(text))
+
+
+# Systems
+
+
+def _system(options: argparse.Namespace) -> System:
+    from .system import parse_value, read_system
+
+    values: dict[str, object] = {}
+    problems: list[str] = []
+    for item in options.values:
+        name, equals, value = item.partition("=")
+        if not equals:
+            problems.append(f"--set {item}: write INSTANCE.VARIABLE=VALUE, such as plant.m=70.")
+        else:
+            values[name.strip()] = parse_value(value.strip())
+    if problems:
+        raise DescriptionError(problems)
+    order = options.order
+    if order is not None and order not in ("sequential", "parallel"):
+        order = [name.strip() for name in order.split(",")]
+    return read_system(
+        _system_path(options.system),
+        values,
+        fmus=options.fmus,
+        stop_time=options.stop_time,
+        step_size=options.step_size,
+        order=order,
+        record=options.record,
+        decimation=options.decimation,
+    )
+
+
+def _system_path(text: str) -> Path:
+    from .system import shipped_systems
+
+    if Path(text).exists():
+        return Path(text)
+    shipped = shipped_systems()
+    if text in shipped:
+        return shipped[text]
+    if text.endswith(".toml"):
+        return Path(text)
+    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped)}")
+
+
+def _check(options: argparse.Namespace) -> int:
+    system = _system(options)
+    console = _console()
+    table = Table(title=escape(system.description or system.name), title_justify="left", box=SIMPLE_HEAD)
+    for heading in ("Instance", "FMU", "Start values", "Steps over"):
+        table.add_column(heading)
+    for instance in system.instances:
+        values = ", ".join(f"{name} = {value}" for name, value in list(instance.start.items())[:8])
+        more = f" and {len(instance.start) - 8} more" if len(instance.start) > 8 else ""
+        over = f"{system.step_size * instance.step_multiple} s"
+        table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
+    console.print(table)
+    for connection in system.connections:
+        scaled = "" if connection.factor == 1.0 else f" * {connection.factor:g}"
+        shifted = "" if connection.offset == 0.0 else f" + {connection.offset:g}"
+        source, target = (".".join(end) for end in (connection.source, connection.target))
+        console.print(f"  {escape(source)}{scaled}{shifted} -> {escape(target)}")
+    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
+    console.print(f"Order: {escape(how)}")
+    console.print(
+        f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
+        f"{len(system.record)} variables recorded, {system.steps // system.decimation + 1} rows"
+    )
+    for note in system.notes:
+        console.print(f"[yellow]note:[/] {escape(note)}")
+    console.print("No problems.")
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    begun = time.perf_counter()
+    if options.output is not None:
+        from .results import check_output
+
+        check_output(options.output)
+    system = _system(options)
+    from .master import CallError, Interrupted, simulate
+
+    if not options.json:
+        for note in system.notes:
+            _remark(f"note: {note}")
+    try:
+        with _Bar(system) as bar:
+            result = simulate(system, progress=bar.update, debug=options.debug)
+    except CallError as error:
+        _failed(error, options)
+        return 1
+    except Interrupted as interruption:
+        _complain(f"Interrupted. {_kept(interruption.result, options)}")
+        _finish(interruption.result, options, begun)
+        return 130
+    _finish(result, options, begun)
+    return 0
+
+
+def _failed(error: CallError, options: argparse.Namespace) -> None:
+    if error.result is not None:
+        _show_messages(error.result)
+    _complain(str(error))
+    if error.result is not None and error.result.time.size:
+        _remark(_kept(error.result, options))
+        _save(error.result, options)
+
+
+def _kept(result: Result, options: argparse.Namespace) -> str:
+    if not result.time.size:
+        return "Nothing had been computed."
+    rows = f"Computed up to {result.time[-1]:.9g} s ({result.time.size} rows)"
+    if options.output is None:
+        return f"{rows}; name a file with --output to keep them."
+    return f"{rows}, kept in {options.output}."
+
+
+def _save(result: Result, options: argparse.Namespace) -> None:
+    if options.output is not None:
+        result.save(options.output)
+    if options.plot is not None and result.time.size > 1:
+        from .plots import plot_run
+
+        plot_run(result, options.plot)
+
+
+def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
+    """Messages, files and the summary that end a run."""
+    _show_messages(result)
+    _save(result, options)
+    figures = _figures(result)
+    facts = result.metadata
+    simulated = facts["steps"] * facts["step_size"]
+    factor = simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
+    if options.json:
+        summary = {
+            "system": facts["system"],
+            "system_hash": facts["system_hash"],
+            "partial": result.partial,
+            "steps": facts["steps"],
+            "step_size": facts["step_size"],
+            "simulated_seconds": simulated,
+            "stepping_seconds": facts["stepping_seconds"],
+            "elapsed_seconds": time.perf_counter() - begun,
+            "real_time_factor": factor,
+            "warnings": facts["warnings"],
+            "solver": {name: dict(counts) for name, counts in result.solver.items()},
+            "figures": [{"name": row.name, "value": row.value, "unit": row.unit} for row in figures],
+            "output": None if options.output is None else str(options.output),
+            "plot": None if options.plot is None else str(options.plot),
+        }
+        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
+        return
+    table = Table(
+        title=escape(str(facts["description"] or facts["system"])), title_justify="left", show_header=False, box=SIMPLE
+    )
+    table.add_column()
+    table.add_column(justify="right")
+    table.add_column()
+    table.add_row("Simulated", f"{simulated:.9g}", "s")
+    table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
+    table.add_row("Time of the steps", f"{facts['stepping_seconds']:.3g}", f"s, {factor:.3g} times real time")
+    for instance, counts in result.solver.items():
+        if "rhs_evaluations" in counts and facts["steps"]:
+            per_step = counts["rhs_evaluations"] / facts["steps"]
+            rejected = f", {counts['rejected']:.0f} rejected" if counts.get("rejected") else ""
+            steps = f"{counts.get('steps', 0.0):.0f} steps{rejected}"
+            table.add_row(f"{escape(instance)}: equations evaluated", f"{per_step:.3g}", f"times a step ({steps})")
+    if figures:
+        table.add_section()
+    for row in figures:
+        table.add_row(escape(row.name), f"{row.value:.4g}", escape(row.unit))
+    console = _console()
+    console.print(table)
+    for file in (options.output, options.plot):
+        if file is not None:
+            console.print(f"Written: {escape(str(file))}")
+
+
+def _figures(result: Result) -> list[Row]:
+    """Tracking figures, none for a run too short to have them."""
+    from . import metrics
+
+    try:
+        return metrics.summary(result)
+    except DescriptionError:
+        return []
+
+
+def _show_messages(result: Result) -> None:
+    for message in result.messages[:MAX_SHOWN_MESSAGES]:
+        _remark(str(message))
+    more = len(result.messages) - MAX_SHOWN_MESSAGES + result.dropped_messages
+    if more > 0:
+        _remark(f"and {more} more messages")
+
+
+class _Bar(AbstractContextManager["_Bar"]):
+    """A progress bar for work of more than a second, on a terminal only."""
+
+    def __init__(self, system: System) -> None:
+        self._length = float(system.stop_time - system.start_time)
+        self._start = time.perf_counter()
+        self._bar: Progress | None = None
+
+    def update(self, fraction: float) -> None:
+        if self._bar is None:
+            if time.perf_counter() - self._start < 1.0 or not sys.stderr.isatty():
+                return
+            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = BarColumn(), TextColumn("{task.completed:.3g} of {task.total:g} s"), TimeRemainingColumn()
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar.add_task("", total=self._length)
+            self._bar.start()
+        self._bar.update(self._bar.task_ids[0], completed=fraction * self._length)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+# FMUs, lists, studies
+
+
+def _info(options: argparse.Namespace) -> int:
+    from .fmu import read_fmu
+
+    fmu = read_fmu(_fmu_path(options.fmu, options.fmus))
+    console = _console()
+    console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.text)}")
+    step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
+    stop = f", stop {fmu.stop_time:g} s" if fmu.stop_time is not None else ""
+    console.print(f"{escape(str(fmu.path))}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
+    table = Table(box=None, pad_edge=False)
+    for heading in ("Variable", "Causality", "Type", "Unit"):
+        table.add_column(heading, no_wrap=heading != "Causality")
+    for heading in ("Start", "Min", "Max"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("Text")
+    for name, variable in _rows(fmu):
+        table.add_row(
+            escape(name),
+            _causality(variable),
+            variable.type,
+            escape(variable.unit or ""),
+            escape(_start(variable)),
+            "" if variable.min is None else f"{variable.min:g}",
+            "" if variable.max is None else f"{variable.max:g}",
+            escape(variable.text + (f" ({', '.join(variable.items)})" if variable.items else "")),
+        )
+    console.print(table)
+    console.print("Outputs and the inputs they depend on directly:")
+    for output in fmu.outputs:
+        console.print(f"  {escape(output)}: {escape(', '.join(fmu.dependencies[output]) or 'none')}")
+    return 0
+
+
+def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:
+    """Variables with the names to show, parameters first, arrays as one line."""
+    firsts = {elements[0]: (name, len(elements)) for name, elements in fmu.arrays.items()}
+    others = {element for elements in fmu.arrays.values() for element in elements[1:]}
+    order = {"input": 0, "output": 1, "parameter": 2}
+    rows: list[tuple[str, Variable]] = []
+    for variable in sorted(fmu.variables.values(), key=lambda v: order.get(v.causality, 3)):
+        if variable.name in firsts:
+            name, length = firsts[variable.name]
+            rows.append((f"{name}[1..{length}]", variable))
+        elif variable.name not in others:
+            rows.append((variable.name, variable))
+    return rows
+
+
+def _causality(variable: Variable) -> str:
+    tunable = variable.causality == "parameter" and variable.variability == "tunable"
+    return "tunable parameter" if tunable else variable.causality
+
+
+def _start(variable: Variable) -> str:
+    for item, number in variable.items.items():
+        if number == variable.start:
+            return item
+    if isinstance(variable.start, bool):
+        return str(variable.start).lower()
+    return f"{variable.start:g}" if isinstance(variable.start, float) else str(variable.start or "")
+
+
+def _fmu_path(text: str, folder: Path | None) -> Path:
+    from .system import find_fmus
+
+    if text.endswith(".fmu") or "/" in text:
+        return Path(text)
+    folder = folder if folder is not None else find_fmus(Path.cwd())
+    known = {path.stem: path for path in folder.glob("*.fmu")} if folder is not None else {}
+    if text in known:
+        return known[text]
+    raise DescriptionError(f"no FMU '{text}' in {folder or 'build/fmus/native'}.{suggest(text, known)}")
+
+
+def _list(options: argparse.Namespace) -> int:
+    from .fmu import read_fmu
+    from .system import find_fmus, shipped_systems
+
+    console = _console()
+    folder = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
+    paths = sorted(folder.glob("*.fmu")) if folder is not None else []
+    console.print(f"[bold]FMUs[/] in {escape(str(folder))}" if paths else "No FMUs found. Build them, or give --fmus.")
+    table = Table.grid(padding=(0, 2))
+    for path in paths:
+        try:
+            table.add_row("", escape(path.stem), escape(read_fmu(path).text))
+        except DescriptionError as error:
+            table.add_row("", escape(path.stem), f"[red]{escape(error.problems[0])}[/]")
+    console.print(table)
+    systems = shipped_systems()
+    console.print("[bold]Systems[/]" if systems else "No systems found.")
+    table = Table.grid(padding=(0, 2))
+    for name, path in systems.items():
+        table.add_row("", escape(name), escape(_description(path)))
+    console.print(table)
+    studies = sorted({path.parent.name for path in systems.values() if (path.parent / "study.py").is_file()})
+    if studies:
+        console.print(f"[bold]Studies[/] {escape(', '.join(studies))}")
+    return 0
+
+
+def _description(path: Path) -> str:
+    try:
+        document: Mapping[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return "not readable"
+    return str(document.get("description", ""))
+
+
+def _study(options: argparse.Namespace) -> int:
+    from . import study
+
+    return study.main(options.name, options.output, fmus=options.fmus)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
