@@ -32,7 +32,8 @@ typedef struct {
     fmi2ComponentEnvironment componentEnvironment;
 } fmi2CallbackFunctions;
 
-#if defined _WIN32
+#if defined FMI2_EXPORT /* a program that includes the sources may define it */
+#elif defined _WIN32
 #define FMI2_EXPORT __declspec(dllexport)
 #else
 #define FMI2_EXPORT __attribute__((visibility("default")))

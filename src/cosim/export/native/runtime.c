@@ -486,8 +486,16 @@ FMI2_EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference ref
     Instance *instance = c;
     fmi2Status status = fmi2OK;
     if (prepare_set(instance, references, n, values, REAL, "fmi2SetReal")) return fmi2Error;
-    for (size_t i = 0; i < n && status != fmi2Error; i++)
-        status = worse(status, set(instance, references[i], values[i], "fmi2SetReal"));
+    for (size_t i = 0; i < n && status != fmi2Error; i++) {
+        const fmi2ValueReference r = references[i];
+        if (variables[r].role == INPUT && fabs(values[i]) <= DBL_MAX && values[i] >= variables[r].min &&
+            values[i] <= variables[r].max) { /* what happens at every step, without the checks of parameters */
+            instance->s.v[r] = values[i];
+            continue;
+        }
+        status = worse(status, set(instance, r, values[i], "fmi2SetReal"));
+    }
+    touch(&instance->s);
     return status;
 }
 

@@ -1,0 +1,140 @@
+"""Whole run of the reference loop: three FMUs under the master against a C program with the same equations and integrator.
+
+The C program includes the sources of the same FMUs, calls their traced functions and integrator directly (no FMI, no
+checks) and records the same columns. Printed: real-time factor of the master, ratio to the C program, medians of 5.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rich.console import Console
+from rich.table import Table
+
+from cosim import read_system, simulate
+from cosim.export.package import FLAGS
+
+ROOT = Path(__file__).resolve().parents[1]
+SYSTEM = ROOT / "studies" / "shams2010" / "fsmc_5sin.toml"
+FMUS = ROOT / "build" / "fmus" / "native"
+NAMES = ("Trajectory", "FuzzySlidingMode", "BallscrewStage")
+REPEATS = 5
+
+STEPPER = {
+    "Trajectory": """
+void trajectory_start(void) {{ {start} }}
+const double *trajectory_at(double t) {{
+    variant(&s)->output(t, states(&s), inputs(&s), parameters(&s), s.c, outputs(&s));
+    return outputs(&s);
+}}
+""",
+    "FuzzySlidingMode": """
+void controller_start(void) {{ {start} }}
+double controller_at(double t, const double *u) {{
+    memcpy(inputs(&s), u, sizeof(double) * N_INPUTS);
+    variant(&s)->sample(t, states(&s), inputs(&s), parameters(&s), s.c, outputs(&s), s.next);
+    memcpy(states(&s), s.next, sizeof(double) * N_STATES);
+    return outputs(&s)[0];
+}}
+""",
+    "BallscrewStage": """
+void plant_start(void) {{ {start} }}
+const double *plant_at(double t, double end, double command) {{
+    Problem problem = {{variant(&s)->derivative, variant(&s)->jacobian, variant(&s)->update, inputs(&s), parameters(&s),
+                       s.c, nominals, s.v[PARAMETER_TOLERANCE], MAX_STEPS}};
+    inputs(&s)[0] = command;
+    if (end > t && integrate(&problem, &s.integrator, t, end, states(&s))) abort();
+    variant(&s)->output(end, states(&s), inputs(&s), parameters(&s), s.c, outputs(&s));
+    return outputs(&s);
+}}
+""",
+}
+START = "set_start_values(&s); s.phase = INITIALIZATION; refresh_parameters(&s);"
+
+MAIN = """
+#define _POSIX_C_SOURCE 200809L
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+void trajectory_start(void); void controller_start(void); void plant_start(void);
+const double *trajectory_at(double t);
+double controller_at(double t, const double *u);
+const double *plant_at(double t, double end, double command);
+int main(void) {
+    const int n = 100000;
+    double *rows = malloc(sizeof(double) * 3 * (n + 1));
+    struct timespec a, b;
+    clock_gettime(CLOCK_MONOTONIC, &a);
+    trajectory_start(); controller_start(); plant_start();
+    const double *y = plant_at(0.0, 0.0, 0.0);
+    for (int k = 0; k <= n; k++) {
+        const double *r = trajectory_at(k * 1e-4);
+        const double u[] = {r[0], r[1], r[2], y[0], y[1]};
+        const double command = controller_at(k * 1e-4, u);
+        rows[3 * k] = r[0]; rows[3 * k + 1] = y[0]; rows[3 * k + 2] = command;
+        if (k < n) y = plant_at(k * 1e-4, (k + 1) * 1e-4, command);
+    }
+    clock_gettime(CLOCK_MONOTONIC, &b);
+    printf("%.9f %.17g\\n", (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec), rows[3 * n + 1]);
+    return 0;
+}
+"""
+
+
+def compile_program(folder: Path) -> Path:
+    """The C program, from the sources inside the FMUs."""
+    units = ["main.c"]
+    (folder / "main.c").write_text(MAIN)
+    for name in NAMES:
+        with zipfile.ZipFile(FMUS / f"{name}.fmu") as archive:
+            for member in archive.namelist():
+                if member.startswith("sources/"):
+                    archive.extract(member, folder / name)
+        unit = f"{name}.c"
+        body = STEPPER[name].format(start=START)
+        (folder / unit).write_text(
+            f'#define FMI2_EXPORT static\n#include "{name}/sources/model.c"\nstatic State s;\n{body}'
+        )
+        units.append(unit)
+    program = folder / "program"
+    flags = [flag for flag in FLAGS if flag not in ("-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", "-s")]
+    command = [sys.executable, "-m", "ziglang", "cc", *flags, "-w", *units, "-o", str(program), "-lm"]
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(ROOT / "build" / "cache" / "zig")}
+    subprocess.run(command, cwd=folder, check=True, env=environment)
+    return program
+
+
+def main() -> None:
+    """Measure and print."""
+    system = read_system(SYSTEM)
+    stop = 10.0
+    with TemporaryDirectory() as text:
+        program = compile_program(Path(text))
+        simulate(system)  # loads the compiled loop
+        master, bare = [], []
+        for _ in range(REPEATS):
+            begin = time.perf_counter()
+            result = simulate(system)
+            master.append(time.perf_counter() - begin)
+            printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout.split()
+            bare.append(float(printed[0]))
+    difference = abs(float(printed[1]) - result["plant.position"][-1])
+    table = Table(title="FSMC 5 sin t, three FMUs, 10 s at 10 kHz, three columns recorded in memory (medians of 5)")
+    for head in ("", "time / s", "x real time", "ratio to C"):
+        table.add_column(head, justify="right" if head else "left")
+    one, other = statistics.median(master), statistics.median(bare)
+    table.add_row("cosim master, FMUs", f"{one:.3f}", f"{stop / one:.0f}", f"{one / other:.2f}")
+    table.add_row("C program, no FMI", f"{other:.3f}", f"{stop / other:.0f}", "1")
+    Console().print(table)
+    Console().print(f"last positions differ by {difference:.1e} m")
+
+
+if __name__ == "__main__":
+    main()
