@@ -143,7 +143,7 @@ class System:
         decimation: int | None = None,
     ) -> System:
         """The same system with other start values (``{"plant.m": 70.0}``) or another experiment, checked again."""
-        document = _changed(
+        document, problems = _changed(
             self.document,
             self.name,
             overrides or {},
@@ -154,9 +154,10 @@ class System:
             decimation=decimation,
         )
         experiment = (stop_time, step_size, order, record, decimation)
-        if overrides and all(value is None for value in experiment) and (starts := self._starts(overrides)) is not None:
+        plain = overrides and not problems and all(value is None for value in experiment)
+        if plain and (starts := self._starts(overrides)) is not None:
             return self._with_starts(starts, document)
-        return make_system(document, name=self.name, folder=self.folder, fmus=self.fmus)
+        return _Reader(document, self.name, self.folder, self.fmus, problems).system()
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
         """Start values by instance, if they are right and the rest of the system cannot depend on them."""
@@ -937,7 +938,7 @@ def _evaluation(
     return tuple(visits)
 
 
-def _digest(
+def _digest(  # noqa: PLR0917
     instances: Mapping[str, Instance],
     connections: Sequence[Connection],
     times: Sequence[Decimal],
