@@ -35,7 +35,7 @@ DESIGN = (25.0, 156.25, 0.18, 3.4e-3)
 @numba.njit
 def linear_motor_loop(samples, law, surface, force, tuning):  # type: ignore[no-untyped-def]
     """Position error, velocity error and motor force at each sample of a loop on the exact linear motor."""
-    pid, relay = law
+    pid, relay, late = law
     g, T_s, filter_time, K_v, K_p, K_i = tuning
     mu, lambda_, Lambda, W = surface
     constant, amplitude, omega, phase = force
@@ -71,9 +71,10 @@ def linear_motor_loop(samples, law, surface, force, tuning):  # type: ignore[no-
             second += W * np.sign(S) * T_s
             integral_error += e * T_s
         applied[k] = u
+        acting = applied[k - 1] if late and k > 0 else u
         filtered = E * filtered + (1.0 - E) * (u - DAMPING_HAT * v_hat + g * MASS_HAT * v_hat)
         for j in range(parts):
-            f = u + constant + amplitude * math.sin(omega * (t + (j + 0.5) * h) + phase)
+            f = acting + constant + amplitude * math.sin(omega * (t + (j + 0.5) * h) + phase)
             x += (1.0 - q) * (MASS / DAMPING) * v + (h - (1.0 - q) * MASS / DAMPING) / DAMPING * f
             v = q * v + (1.0 - q) / DAMPING * f
     return error, velocity_error, applied
@@ -85,15 +86,16 @@ def motor(
     pid: bool = True,
     surface: tuple[float, ...] = DESIGN,
     relay: bool = False,
+    late: bool = False,
     g: float = 0.0,
     force: tuple[float, ...] = NO_FORCE,
     T_s: float = T_S,
     filter_time: float = FILTER,
     gains: tuple[float, float, float] = (30.0, 50.0, 0.5),
 ) -> tuple[Array, Array, Array]:
-    """One loop on the linear motor from rest."""
+    """One loop on the linear motor from rest; ``late`` commands act one sample later, but the first one."""
     samples = round(seconds / T_s) + 1
-    return linear_motor_loop(samples, (pid, relay), surface, force, (g, T_s, filter_time, *gains))
+    return linear_motor_loop(samples, (pid, relay, late), surface, force, (g, T_s, filter_time, *gains))
 
 
 CASES: dict[str, dict[str, Any]] = {
