@@ -111,10 +111,10 @@ def envelope(x: Array, y: Array, columns: int = POINTS) -> tuple[Array, Array]:
     """
     if x.size <= 2 * columns:
         return x, y
-    width = x.size // columns
-    whole = width * columns
-    rows = y[:whole].reshape(columns, width)
-    first = np.arange(columns) * width
+    width = -(-x.size // columns)
+    whole = x.size // width * width
+    rows = y[:whole].reshape(-1, width)
+    first = np.arange(len(rows)) * width
     index = np.sort(np.column_stack((first + rows.argmin(axis=1), first + rows.argmax(axis=1))), axis=1).ravel()
     if whole < x.size:
         rest = y[whole:]
