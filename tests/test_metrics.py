@@ -111,7 +111,7 @@ def test_reversal_peaks_of_a_known_error() -> None:
     since = np.mod(TIME, 1.0)
     sense = np.where(np.floor(TIME) % 2 == 1, 1.0, -1.0)
     error = sense * (0.1 + 2.0 * np.exp(-since / 0.02) * (since < 0.5)) * (TIME >= 1.0 - 1e-9)
-    peaks = metrics.reversal_peaks(TIME, error, reference, span=0.9)
+    peaks = metrics.reversal_peaks(TIME, error, reference)
     assert len(peaks) == 9
     for k, peak in enumerate(peaks, start=1):
         assert peak.time == pytest.approx(k, abs=1e-4)
@@ -123,9 +123,31 @@ def test_reversal_peaks_of_a_known_error() -> None:
 
 def test_a_last_reversal_cut_short_does_not_count() -> None:
     reference = np.cos(math.pi * TIME)
-    part = metrics.window(TIME, 0.0, 2.1)
+    part = metrics.window(TIME, 0.0, 3.9)
     peaks = metrics.reversal_peaks(TIME[part], np.sin(TIME[part]), reference[part])
-    assert [peak.time for peak in peaks] == pytest.approx([1.0], abs=1e-4)
+    assert [peak.time for peak in peaks] == pytest.approx([1.0, 2.0], abs=1e-4)
+
+
+def test_what_leads_up_to_the_next_reversal_is_not_its_decay() -> None:
+    reference = np.cos(math.pi * TIME)
+    since = np.mod(TIME, 1.0)
+    error = np.exp(-since / 0.01) + 0.5 * (since > 0.8)
+    decays = [peak.decay for peak in metrics.reversal_peaks(TIME, error, reference)]
+    assert decays == pytest.approx([0.01 * math.log(10.0)] * 9, abs=3e-4)
+
+
+def test_an_error_that_stays_up_has_no_decay() -> None:
+    reference = np.cos(math.pi * TIME)
+    error = np.where(np.mod(TIME, 1.0) < 0.49999, 0.9, 1.0) * np.where(np.mod(TIME, 1.0) < 0.51, 1.0, 0.1)
+    assert all(math.isnan(peak.decay) for peak in metrics.reversal_peaks(TIME, error, reference))
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-9, 1e200])
+def test_mean_squares_neither_overflow_nor_vanish(scale: float) -> None:
+    signal = scale * np.array([3.0, -4.0])
+    assert metrics.rms(signal) == pytest.approx(scale * math.sqrt(12.5), rel=1e-12)
+    assert metrics.std(signal) == pytest.approx(scale * 3.5, rel=1e-12)
+    assert metrics.rms(0.0 * signal) == metrics.std(0.0 * signal) == 0.0
 
 
 def test_no_reversal_no_peak() -> None:

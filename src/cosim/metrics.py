@@ -57,14 +57,14 @@ def max_abs(signal: Array) -> float:
 
 def rms(signal: Array) -> float:
     """Root of the mean square."""
-    _need(signal)
-    return float(np.sqrt(np.mean(np.square(signal))))
+    peak = max_abs(signal)
+    return peak * float(np.sqrt(np.mean(np.square(signal / peak)))) if 0.0 < peak < math.inf else peak
 
 
 def std(signal: Array) -> float:
     """Standard deviation about the mean, divided by the number of samples."""
-    _need(signal)
-    return float(np.std(signal))
+    peak = max_abs(signal)
+    return peak * float(np.std(signal / peak)) if 0.0 < peak < math.inf else peak
 
 
 def steady_value(time: Array, signal: Array, duration: float) -> float:
@@ -137,43 +137,43 @@ class ReversalPeak(NamedTuple):
     time: float
     """Time of the reversal, s."""
     peak: float
-    """Error of largest magnitude before the next reversal, signed."""
+    """Error of largest magnitude in the first half of the way to the next reversal, signed."""
     delay: float
     """Seconds from the reversal to the peak."""
     decay: float
-    """Seconds from the reversal until the error stays within a tenth of the peak above the base; NaN if it does not."""
+    """Seconds from the reversal until the magnitude stays, to the end of that half, below the base plus a tenth of
+    the peak's height above it; NaN if it does not."""
     base: float
     """Median magnitude of the error between this reversal and the next."""
 
 
-def reversal_peaks(time: Array, error: Array, reference: Array, span: float = math.inf) -> list[ReversalPeak]:
-    """Peaks of ``error`` after the reversals of ``reference``, each looked for over ``span`` s or to the next reversal.
+def reversal_peaks(time: Array, error: Array, reference: Array) -> list[ReversalPeak]:
+    """Peaks of ``error`` after the reversals of ``reference``.
 
-    The last reversal counts only if its whole span, or as much time as the reversal before it had, was recorded.
+    Only the first half of the way to the next reversal counts as after it; the second half leads up to the next. The
+    last reversal has no next one: it counts if as much time as the shortest way before it was recorded.
     """
     times = reversal_times(time, reference)
-    if times.size == 0:
+    if times.size < 2:
         return []
-    between = float(np.min(np.diff(times))) if times.size > 1 else math.inf
+    shortest = float(np.min(np.diff(times)))
+    ends = [*(float(after) for after in times[1:]), float(times[-1]) + shortest]
     peaks: list[ReversalPeak] = []
-    for i, begin in enumerate(times):
-        end = min(begin + span, times[i + 1] if i + 1 < times.size else math.inf)
-        if i + 1 == times.size:
-            if time[-1] < begin + (1.0 - 1e-6) * min(span, between):
-                break
-            end = min(end, begin + between)
-        part = window(time, float(begin), float(end))
-        magnitude = np.abs(error[part])
+    for begin, end in zip((float(at) for at in times), ends, strict=True):
+        if end > float(time[-1]) + 1e-6 * shortest:
+            break
+        base = float(np.median(np.abs(error[window(time, begin, end)])))
+        half = window(time, begin, 0.5 * (begin + end))
+        magnitude = np.abs(error[half])
         top = int(np.argmax(magnitude))
-        base = float(np.median(magnitude))
         outside = np.flatnonzero(magnitude > base + 0.1 * (magnitude[top] - base))
         settled = int(outside[-1]) + 1 if outside.size else 0
         peaks.append(
             ReversalPeak(
-                time=float(begin),
-                peak=float(error[part][top]),
-                delay=float(time[part][top] - begin),
-                decay=float(time[part][settled] - begin) if settled < magnitude.size else math.nan,
+                time=begin,
+                peak=float(error[half][top]),
+                delay=float(time[half][top]) - begin,
+                decay=float(time[half][settled]) - begin if settled < magnitude.size else math.nan,
                 base=base,
             )
         )
