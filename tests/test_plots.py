@@ -178,7 +178,7 @@ def test_the_envelope_keeps_order_and_every_extreme(size: int, columns: int, see
     x_thin, y_thin = plots.envelope(x, y, columns)
     assert x_thin.size <= 2 * columns + 2
     assert np.all(np.diff(x_thin) >= 0.0)
-    assert np.max(np.diff(x_thin), initial=0.0) <= 4.0 * size / columns, "no part of the signal is left out"
+    assert np.max(np.diff(x_thin), initial=0.0) <= 2.0 * (size / columns + 1.0), "no part of the signal is left out"
     assert np.array_equal(y_thin, y[x_thin.astype(int)])
     assert (y_thin.max(), y_thin.min()) == (y.max(), y.min())
 
