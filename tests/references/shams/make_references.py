@@ -7,10 +7,10 @@ fuzzy centroid integrated between sorted breakpoints. It shares no code with the
 second time by scipy's Radau at 1e-10, each closed loop a second and third time with half the step and with a start
 moved by 1 pm; the largest differences are kept as ``accuracy`` and ``sensitivity``.
 
-``cases.json`` says what was run, in the names and units of the FMUs, with figures of merit over all samples;
-compare says whether traces may be compared or, where switching makes them diverge, only these figures;
-``traces.npz`` holds ``NAME.time``, ``NAME.position``, ``NAME.command`` (and ``NAME.table`` with play) of each case,
-the first 100 samples and some 400 more, ``open_loop.npz`` and ``replay.npz`` the plant and the controllers alone.
+``cases.json`` says what was run, in the names and units of the FMUs, with figures of merit over all samples; its
+``compare`` says whether traces may be compared or, where switching makes them diverge, only these figures.
+``traces.npz`` holds ``NAME.time``, ``NAME.position`` (l_p*angle), ``NAME.command`` and, with play, ``NAME.table``: the
+first 100 samples and some 400 more. ``open_loop.npz`` has the plant alone, ``replay.npz`` the controllers alone.
 """
 
 from __future__ import annotations
@@ -348,9 +348,9 @@ def make_closed_loops() -> None:
         last = len(rows) - 1
         kept = np.unique(np.concatenate([np.arange(100), np.arange(0, last, max(1, last // 400)), [last]]))
         traces[f"{name}.time"] = kept * T_S
-        traces[f"{name}.position"] = rows[kept, 1] if case["feedback"] == "screw" else rows[kept, 0]
+        traces[f"{name}.position"] = rows[kept, 1]
         traces[f"{name}.command"] = rows[kept, 2]
-        if case["feedback"] == "screw":
+        if case["plant_start"].get("play_positive"):
             traces[f"{name}.table"] = rows[kept, 0]
         book[name] = case | {
             "figures": figures(case, rows),
