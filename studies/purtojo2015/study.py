@@ -89,8 +89,8 @@ def runs() -> dict[str, Run]:
             step = {"trajectory.amplitude": amplitude}
             found[f"{name}_step_{key}"] = Run(f"{variant}_step{suffix}.toml", step | changed, measure=measure_step)
     for u_p, u_i in POINTS:
-        # um of the source are mm/s; the first sample brings the integral, T_s = 1 s, to what the second completes
-        first = 1e-6 * (u_i - u_p)
+        # um of the source are mm/s; the first sample brings the integral, T_s = 0.5 s, to what the second completes
+        first = 1e-6 * (2.0 * u_i - u_p)
         found[rule_name(u_p, u_i)] = Run(
             "rules.toml",
             {"source.offset": first, "source.amplitude": 1e-6 * u_p - first},
