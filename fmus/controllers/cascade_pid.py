@@ -34,8 +34,9 @@ class CascadePid(Controller):
 
     For a start at speed set integral_start to the friction at that speed and connect velocity.
 
-    Source: Feng et al., friction error compensation of CNC feed drives by trapezoidal velocity pulses, 2015 (position
-    and velocity cascade with feed-forward of a CNC; its gains are not legible and are common feed-drive values here).
+    Source: Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical Problems in
+    Engineering 2015, 269391 (position and velocity cascade with feed-forward of a CNC; its gains are not legible and
+    are common feed-drive values here).
     """
 
     T_s: float = parameter(2.5e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")

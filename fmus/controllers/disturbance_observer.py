@@ -37,9 +37,9 @@ class DisturbanceObserver(Controller):
     A wrong m_hat or b_hat is estimated as a disturbance too. Do not combine it with a friction pulse, or with an
     integrator that is to compensate the same force.
 
-    Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015,
-    sec. on the disturbance observer, after Li & Xu, IEEE Trans. Control Systems Technology 18 (2010) 798-810;
-    the discretisation is exact for a held input.
+    Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
+    machining, 2015, sec. on the disturbance observer, after Li & Xu, IEEE Trans. Control Systems Technology 18 (2010)
+    798-810; the discretisation is exact for a held input.
     """
 
     T_s: float = parameter(1e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")

@@ -66,8 +66,8 @@ class FrictionPulse(Controller):
 
     Do not combine it with a disturbance observer. Start tables pass through four points learned for the X axis.
 
-    Source: Feng et al., friction error compensation of CNC feed drives by trapezoidal velocity pulses, 2015; its
-    formulas are not legible and the pulse is rebuilt from its figures and text.
+    Source: Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical Problems in
+    Engineering 2015, 269391; its formulas are not legible and the pulse is rebuilt from its figures and text.
     """
 
     T_s: float = parameter(2.5e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")

@@ -21,8 +21,8 @@ class PPi(Controller):
     there. b_hat*velocity feeds the velocity back positively: with exact velocity the loop is stable if and only if
     K_p > b_hat - b and (K_p + b - b_hat)*(K_v + K_i) > m*K_i*K_v.
 
-    Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015,
-    eqs. (5)-(8); velocity by backward difference and first-order filter, its time constant chosen.
+    Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
+    machining, 2015, eqs. (5)-(8); velocity by backward difference and first-order filter, its time constant chosen.
     """
 
     T_s: float = parameter(1e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")

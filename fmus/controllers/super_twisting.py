@@ -34,8 +34,8 @@ class SuperTwisting(Controller):
     control makes der(S) = 0 where mu = b/m; with another mu the loop is der2(e) + (b/m)*der(e) + lambda_*e plus
     the switching terms. Start values are a design with mu = b/m and lambda_ = mu**2/4.
 
-    Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015,
-    eqs. (6)-(12); the printed v = sign(S) is read as the derivative of v, as its eq. (12) and Levant,
+    Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
+    machining, 2015, eqs. (6)-(12); the printed v = sign(S) is read as the derivative of v, as its eq. (12) and Levant,
     Int. J. Control 58 (1993) 1247-1263, have it.
     """
 

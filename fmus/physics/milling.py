@@ -26,9 +26,9 @@ chatter), the path of a tooth is a circle (feed much smaller than the radius), p
 With h_min = 0 the force is continuous in time, with kinks where teeth enter, leave or lose contact. With
 h_min > 0 it jumps where cutting turns into ploughing.
 
-Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015 (spindle,
-depth, number of teeth); the cut surface, minimum chip thickness and size effect as in Martellotti 1941 and
-Vogler, DeVor & Kapoor, J. Manuf. Sci. Eng. 126 (2004) 695-705; the closed form is derived here.
+Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
+machining, 2015 (spindle, depth, number of teeth); the cut surface, minimum chip thickness and size effect as in
+Martellotti 1941 and Vogler, DeVor & Kapoor, J. Manuf. Sci. Eng. 126 (2004) 695-705; the closed form is derived here.
 """
 
 from __future__ import annotations

@@ -23,9 +23,9 @@ class LinearMotor(Plant):
     is 0. Rigid tool and axis: position does not change the chip. The amplifier has no lag and the guides no dry
     friction. Positions are of the order of 1 um, and the integrator's tolerance counts from there.
 
-    Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015,
-    plant equation and section on simulations (there k_t and K_a carry these units); cutting data are assumptions of
-    the order of steel cut with 0.1 mm tools.
+    Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
+    machining, 2015, plant equation and section on simulations (there k_t and K_a carry these units); cutting data are
+    assumptions of the order of steel cut with 0.1 mm tools.
     """
 
     m: float = parameter(10.0, "kg", "Moving mass", min=1e-3)

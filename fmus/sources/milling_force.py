@@ -17,9 +17,9 @@ class MillingForce(Source):
     Tooth 1 enters at start_time, tooth 2 half a revolution later. Rigid tool and work; the chip is exact at any time
     without memory, with run-out and with ploughing.
 
-    Source: Rubio, Ibeas & Luo, Super-twisting sliding mode control of a linear motor for micro-milling, 2015;
-    minimum chip thickness and size effect as in Vogler, DeVor & Kapoor, J. Manuf. Sci. Eng. 126 (2004) 695-705;
-    feed, run-out and specific forces are assumptions of the order of steel cut with 0.1 mm tools.
+    Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
+    machining, 2015; minimum chip thickness and size effect as in Vogler, DeVor & Kapoor, J. Manuf. Sci. Eng. 126
+    (2004) 695-705; feed, run-out and specific forces are assumptions of the order of steel cut with 0.1 mm tools.
     """
 
     side: Side = parameter(Side.tool, "1", "Body on which the forces are given")

@@ -14,8 +14,8 @@ This script has its own fast loop of axis and controller (LuGre friction, eight 
 FMUs, so that the tables can be checked with them. ``python learn_tables.py`` writes ``learned.toml``,
 ``circle_pulse.toml`` and ``out_and_back_pulse.toml`` beside itself, in some ten seconds.
 
-Source: Feng et al., friction error compensation of CNC feed drives by trapezoidal velocity pulses, 2015; the formulas
-are not legible and the procedure is rebuilt from text and figures.
+Source: Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical Problems in
+Engineering 2015, 269391; the formulas are not legible and the procedure is rebuilt from text and figures.
 """
 
 from __future__ import annotations
