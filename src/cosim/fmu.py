@@ -323,7 +323,7 @@ def _variable(path: Path, v: Any, units: Mapping[str, Any]) -> Variable:
     unit = cast("str | None", of("unit")) if v.type == "Real" else None
     display = cast("str | None", of("displayUnit")) if v.type == "Real" else None
     shown: DisplayUnit | None = None
-    if display is not None and unit in units:
+    if display is not None and unit is not None and unit in units:
         for candidate in units[unit].displayUnits:
             if candidate.name == display:
                 shown = DisplayUnit(display, float(candidate.factor), float(candidate.offset))

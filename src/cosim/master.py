@@ -35,7 +35,7 @@ import signal
 import tempfile
 import threading
 import time as clock_time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -741,8 +741,8 @@ class _Run:
         p = self.program
         ready = p.sources, p.factors, p.offsets, p.values, p.integers, recorded, rows, self.clock, self.state
         if not loop.advance(program, split, *ready, end, last, decimation):
-            slave = self.slaves[self.state[loop.FAILED_INSTANCE]]
-            function = loop.FUNCTIONS[self.state[loop.FAILED_CALL]]
+            slave = self.slaves[int(self.state[loop.FAILED_INSTANCE])]
+            function = loop.FUNCTIONS[int(self.state[loop.FAILED_CALL])]
             raise slave.failed(function, int(self.state[loop.FAILED_STATUS]))
 
     def step(self, progress: Progress | None, interrupted: Callable[[], bool], pause: int | None = None) -> bool:
@@ -834,7 +834,7 @@ def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
 
 
 @contextlib.contextmanager
-def _watching_for_interrupt() -> Iterator[Callable[[], bool]]:
+def _watching_for_interrupt() -> Generator[Callable[[], bool]]:
     """Ctrl-C sets a flag instead of raising, so that no instance is left half-stepped; a second one raises."""
     if threading.current_thread() is not threading.main_thread() or (
         signal.getsignal(signal.SIGINT) is not signal.default_int_handler

@@ -155,7 +155,7 @@ class System:
         )
         experiment = (stop_time, step_size, order, record, decimation)
         plain = overrides and not problems and all(value is None for value in experiment)
-        if plain and (starts := self._starts(overrides)) is not None:
+        if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
         return _Reader(document, self.name, self.folder, self.fmus, problems).system()
 
