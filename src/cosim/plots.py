@@ -85,12 +85,13 @@ class Panel:
 def display_unit(unit: str, peak: float) -> tuple[str, float]:
     """Unit to show values of SI ``unit`` up to ``peak`` in, and the factor to it.
 
-    The largest unit in which the peak is at least 0.1; a unit without smaller ones is kept.
+    The largest unit of all if the peak is 1 or more in it, else the largest with a peak of at least 0.1; a unit
+    without smaller ones is kept.
     """
     choice = unit
-    for candidate in _DISPLAY.get(unit, ()):
+    for i, candidate in enumerate(_DISPLAY.get(unit, ())):
         choice = candidate
-        if peak * conversion(unit, candidate) >= 0.1:
+        if peak * conversion(unit, candidate) >= (0.1 if i else 1.0):
             break
     if peak == 0.0 or not math.isfinite(peak):
         choice = next(iter(_DISPLAY.get(unit, (unit,))))

@@ -59,13 +59,17 @@ td.not-checkable, td.not-run {{ color: #666; }}
 
 
 def number(value: float) -> str:
-    """A value with four figures; "none" for NaN."""
+    """A value with four figures, without needless zeros; "none" for NaN."""
     if math.isnan(value):
         return "none"
-    if value != 0.0 and not 1e-4 <= abs(value) < 1e5:
-        return f"{value:.3e}".replace("e-0", "e-").replace("e+0", "e+").replace("e+", "e")
-    text = f"{value:#.4g}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    if value == 0.0 or math.isinf(value):
+        return f"{value:g}"
+    if 1e-4 <= abs(value) < 1e6:
+        decimals = max(0, 3 - math.floor(math.log10(abs(value))))
+        text = f"{value:.{decimals}f}"
+        return text.rstrip("0").rstrip(".") if decimals else text
+    mantissa, exponent = f"{value:.3e}".split("e")
+    return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
 
 
 def values(numbers: Numbers, unit: str) -> str:
@@ -93,10 +97,11 @@ def _published(claim: Claim) -> str:
 
 
 def _rules(claim: Claim) -> str:
-    rules = list(claim.verdicts.items())
-    if len(rules) == 1 and rules[0][0] == "reproduced":
-        return rules[0][1].text
-    return "<br>".join(f"{status}: {rule.text}" for status, rule in rules)
+    unit = f" {claim.unit}" if claim.unit not in ("", "1") else ""
+    rules = {status: rule.text.replace("{unit}", unit) for status, rule in claim.verdicts.items()}
+    if list(rules) == ["reproduced"]:
+        return rules["reproduced"]
+    return "<br>".join(f"{status}: {text}" for status, text in rules.items())
 
 
 def _claim_row(verdict: Verdict) -> list[str]:

@@ -119,9 +119,10 @@ class Outcomes(Mapping[str, Outcome]):
 
 @dataclass(frozen=True)
 class Rule:
-    """A condition on measured values, given the published ones, and its text for the report."""
+    """A condition on measured values, given the published ones."""
 
     text: str
+    """For the report; ``{unit}`` stands for a space and the unit of the claim."""
     holds: Callable[[Numbers, Numbers], bool]
 
 
@@ -137,7 +138,7 @@ def near(*, rel: float = 0.0, abs: float = 0.0) -> Rule:
         )
 
     parts = [f"{100.0 * rel:g} %"] if rel else []
-    parts += [f"{abs:g}"] if abs else []
+    parts += [f"{abs:g}{{unit}}"] if abs else []
     return Rule("within " + " or ".join(parts), holds)
 
 
@@ -147,17 +148,17 @@ def _every(text: str, condition: Callable[[float], bool]) -> Rule:
 
 def between(low: float, high: float) -> Rule:
     """Every measured value in ``low`` ... ``high``."""
-    return _every(f"{low:g} to {high:g}", lambda value: low <= value <= high)
+    return _every(f"{low:g} to {high:g}{{unit}}", lambda value: low <= value <= high)
 
 
 def at_most(limit: float) -> Rule:
     """Every measured value at most ``limit``."""
-    return _every(f"at most {limit:g}", lambda value: value <= limit)
+    return _every(f"at most {limit:g}{{unit}}", lambda value: value <= limit)
 
 
 def at_least(limit: float) -> Rule:
     """Every measured value at least ``limit``."""
-    return _every(f"at least {limit:g}", lambda value: value >= limit)
+    return _every(f"at least {limit:g}{{unit}}", lambda value: value >= limit)
 
 
 def both(one: Rule, other: Rule) -> Rule:
@@ -340,23 +341,27 @@ def load_study(folder: Path) -> Study:
     return study
 
 
+def measure_run(name: str, run: Run, result: Result) -> Outcome:
+    """The outcome of a run from its full record."""
+    numbers = dict(tracking(result, run.window))
+    if run.measure is not None:
+        numbers.update(run.measure(result, run.window))
+    for instance, counters in result.solver.items():
+        numbers.update({f"{instance}.{counter}": value for counter, value in counters.items()})
+    kept = slice(None, None, run.keep_every)
+    thinned = replace(result, time=result.time[kept].copy(), rows=result.rows[kept].copy())
+    return Outcome(name, run, numbers, thinned, int(result.metadata["steps"]))
+
+
 def run_one(folder: Path, name: str, run: Run, fmus: Path | None = None) -> Outcome:
     """Carry out one run of the study in ``folder``; what stops it becomes the outcome's failure."""
     steps = 0
     try:
         system = read_system(folder / run.system, run.overrides, fmus=fmus, stop_time=run.stop_time)
         steps = system.steps
-        result = simulate(system)
-        numbers = dict(tracking(result, run.window))
-        if run.measure is not None:
-            numbers.update(run.measure(result, run.window))
-        for instance, counters in result.solver.items():
-            numbers.update({f"{instance}.{name}": value for name, value in counters.items()})
+        return measure_run(name, run, simulate(system))
     except CosimError as error:
         return Outcome(name, run, NONE, None, steps, str(error))
-    kept = slice(None, None, run.keep_every)
-    result = replace(result, time=result.time[kept].copy(), rows=result.rows[kept].copy())
-    return Outcome(name, run, numbers, result, steps)
 
 
 def _run_in_process(folder: Path, name: str, fmus: Path | None) -> tuple[str, Numbers, Result | None, int, str]:

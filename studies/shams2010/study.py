@@ -859,13 +859,12 @@ def draw_reversals(outcomes: Outcomes, path: Path) -> None:
 
 def draw_chatter(outcomes: Outcomes, path: Path) -> None:
     """The command of SMC with a thin and a thick boundary layer."""
-    panels: list[plots.Panel] = []
-    for i, (run, text) in enumerate({"smc_5sin_chatter": "SMC, φ = 0.1 rad/s", "smc_5sin": "SMC, φ = 4 rad/s"}.items()):
+    series: list[plots.Series] = []
+    for run, text in {"smc_5sin_chatter": "φ = 0.1 rad/s", "smc_5sin": "φ = 4 rad/s"}.items():
         result = outcomes.result(run)
-        part = metrics.window(result.time, 4.0, 4.02)
-        series = plots.Series(text, result.time[part], result["controller.command"][part], i)
-        panels.append(plots.Panel("Command", "N.m", (series,)))
-    plots.plot_panels(path, panels)
+        part = metrics.window(result.time, 4.0, 4.01)
+        series.append(plots.Series(text, result.time[part] - 4.0, result["controller.command"][part]))
+    plots.plot_panels(path, [plots.Panel("Command", "N.m", tuple(series))], x_quantity="Time after 4 s")
 
 
 def draw_circles(outcomes: Outcomes, path: Path) -> None:
@@ -900,7 +899,7 @@ def pictures() -> dict[str, Picture]:
     found["tracking_5sin_2us"] = Picture("5 sin t mm, profile P", draw_tracking("5sin", "_2us"))
     found["reversal"] = Picture("Error about a reversal, 5 sin t mm, profile I", draw_reversals)
     found["phase_plane"] = Picture("Step of 1 mm in the phase plane, profile I", draw_phase)
-    found["chatter"] = Picture("Command with and without chatter, 5 sin t mm, 10 kHz", draw_chatter)
+    found["chatter"] = Picture("Command of SMC with and without chatter, 5 sin t mm, 10 kHz", draw_chatter)
     found["circles"] = Picture("Double ball bar, radius 20 mm, second turn, profile I", draw_circles)
     return found
 
