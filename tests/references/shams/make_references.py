@@ -254,7 +254,9 @@ def cases() -> dict[str, dict[str, Any]]:
 
     for short, base in (("smc", SMC), ("smc_integral", SMCI), ("csmc", CSMC), ("fsmc", FSMC)):
         for name, (stop, window) in WINDOWS.items():
-            add(f"{short}_{name}", base, REFERENCES[name], stop, window)
+            # A stick-slip event of this case comes or not with the last digits of any solver.
+            compare = "figures" if (short, name) == ("smc_integral", "slow") else "trace"
+            add(f"{short}_{name}", base, REFERENCES[name], stop, window, compare=compare)
     add("saturation_smc_integral", SMCI, STEP, 0.5, 0.25, controller_start={"command_max": 12.0})
     add("saturation_csmc", CSMC, STEP, 0.5, 0.25, controller_start={"command_max": 12.0})
     add("saturation_fsmc", FSMC, STEP, 0.5, 0.25, controller_start={"command_max": 12.0})
