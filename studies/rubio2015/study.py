@@ -75,7 +75,7 @@ def measure(result: Result, window: Window) -> dict[str, float]:
 # Runs
 
 
-def run(system: str, *changes: Values, stop_time: float | None = None, keep_every: int = 20) -> Run:
+def run(system: str, *changes: Values, stop_time: float | None = None, keep_every: int = 4) -> Run:
     overrides: dict[str, Value] = {}
     for change in changes:
         overrides |= change
