@@ -198,10 +198,10 @@ def runs() -> dict[str, Run]:
             "_frictionless": {"plant.F_C": 0.0, "plant.F_S": 0.0},
             "_delayed": {"controller.compute_delay": 1},
         }.get(suffix, {})
-        found |= limit_runs(f"gain{suffix}", system, 1e3 * centre, changed, 6)
+        found |= limit_runs(f"gain{suffix}", system, 1e3 * centre, changed, 4)
     for W, centre in ZETA_LIMITS.items():
         changed = {"controller.K_I": integral_gain(W)}
-        found |= limit_runs(f"zeta_{W:g}", "step.toml", centre * 2.0 * W / (GAIN * T_S), changed, 6)
+        found |= limit_runs(f"zeta_{W:g}", "step.toml", centre * 2.0 * W / (GAIN * T_S), changed, 4)
     return found
 
 

@@ -27,11 +27,11 @@ Window = tuple[float, float]
 Measure = Callable[[Outcomes], float | Numbers]
 
 SINES = {
-    "1mm_pi": ("1 mm, π", 1e-3, 0.5),
-    "1.5mm_pi": ("1.5 mm, π", 1.5e-3, 0.5),
-    "5mm_pi": ("5 mm, π", 5e-3, 0.5),
-    "1mm_2pi": ("1 mm, 2π", 1e-3, 1.0),
-    "1mm_4pi": ("1 mm, 4π", 1e-3, 2.0),
+    "1mm_pi": ("1 mm at π", 1e-3, 0.5),
+    "1.5mm_pi": ("1.5 mm at π", 1.5e-3, 0.5),
+    "5mm_pi": ("5 mm at π", 5e-3, 0.5),
+    "1mm_2pi": ("1 mm at 2π", 1e-3, 1.0),
+    "1mm_4pi": ("1 mm at 4π", 1e-3, 2.0),
 }
 """Amplitude in m and frequency in Hz; the labels have the paper's rad/s."""
 STEPS = {"1mm": ("1 mm", 1e-3), "5mm": ("5 mm", 5e-3)}
@@ -258,22 +258,22 @@ def paper() -> list[Claim]:
     claim(
         "C1",
         "The existing controller's error grows in proportion to amplitude and frequency",
-        {"1.5 mm, π": 1.5, "1 mm, 2π": 2.0, "1 mm, 4π": 4.0},
+        {"1.5 mm at π": 1.5, "1 mm at 2π": 2.0, "1 mm at 4π": 4.0},
         "1",
         EXISTING,
         growth("existing", ("1mm_pi", "1.5mm_pi", "1mm_2pi", "1mm_4pi")),
         {"reproduced": near(rel=0.1)},
-        "Over the error at 1 mm, π. A lag: this controller is not told the velocity of the reference.",
+        "Over the error at 1 mm and π rad/s. A lag: this controller is not told the velocity of the reference.",
     )
     claim(
         "C2",
         "The proposed controller's error hardly depends on amplitude and frequency near the NCT",
-        {"1.5 mm, π": 1.0, "1 mm, 2π": 1.0},
+        {"1.5 mm at π": 1.0, "1 mm at 2π": 1.0},
         "1",
         SLOW,
         growth("proposed_slow", NEAR_NCT),
         {"reproduced": near(rel=0.25)},
-        "Over the error at 1 mm, π.",
+        "Over the error at 1 mm and π rad/s.",
     )
     claim(
         "C3",
@@ -405,7 +405,7 @@ def numbers() -> list[Claim]:
         Claim(
             "R18",
             "Proposed: rms error, the floor of chatter",
-            {"1 mm, π": 1.2, "1.5 mm, π": 1.2, "1 mm, 2π": 1.2},
+            {"1 mm at π": 1.2, "1.5 mm at π": 1.2, "1 mm at 2π": 1.2},
             "µm",
             sines("rms", "proposed_slow", NEAR_NCT),
             {"reproduced": near(abs=0.1)},
