@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cosim import report, study
-from cosim.errors import DescriptionError
+from cosim.errors import DescriptionError, SimulationError
 from cosim.study import Claim, Missing, Numbers, Outcome, Outcomes, Run, Study
 
 RUN = Run("system.toml")
@@ -285,3 +285,11 @@ def test_a_file_without_a_study_is_refused(tmp_path: Path) -> None:
     (tmp_path / "study.py").write_text("STUDY = 3\n")
     with pytest.raises(DescriptionError, match=r"study\.py: STUDY is not a cosim\.study\.Study"):
         study.load_study(tmp_path)
+
+
+def test_a_run_that_takes_its_process_down_is_told(folder: Path, native: Path) -> None:
+    text = (folder / "study.py").read_text()
+    dying = text.replace("lambda result, window: {", "lambda result, window: __import__('os')._exit(3) or {")
+    (folder / "study.py").write_text(dying)
+    with pytest.raises(SimulationError, match=r"a process died in one of the runs .*short.* Give jobs = 1"):
+        study.run_study(folder, jobs=2, fmus=native)

@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -118,6 +119,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     study.add_argument("name", metavar="NAME", help="a study, such as shams2010; cosim list shows all")
     study.add_argument("--output", type=Path, metavar="DIR", help="folder of the report (default: results/NAME)")
+    study.add_argument("--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*'")
+    study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
     _fmus_argument(study)
     study.set_defaults(command=_study)
     return parser
@@ -318,7 +321,10 @@ def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
             "real_time_factor": factor,
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
-            "figures": [{"name": row.name, "value": row.value, "unit": row.unit} for row in figures],
+            "figures": [
+                {"name": row.name, "value": row.value if isfinite(row.value) else None, "unit": row.unit}
+                for row in figures
+            ],
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
         }
@@ -342,7 +348,8 @@ def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
     if figures:
         table.add_section()
     for row in figures:
-        table.add_row(escape(row.name), f"{row.value:.4g}", escape(row.unit))
+        value, unit = (f"{row.value:.4g}", row.unit) if isfinite(row.value) else ("never", "")
+        table.add_row(escape(row.name), value, escape(unit))
     console = _console()
     console.print(table)
     for file in (options.output, options.plot):
@@ -513,7 +520,7 @@ def _description(path: Path) -> str:
 def _study(options: argparse.Namespace) -> int:
     from . import study
 
-    return study.main(options.name, options.output, fmus=options.fmus)
+    return study.main(options.name, options.output, runs=options.runs, jobs=options.jobs, fmus=options.fmus)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import importlib.util
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from multiprocessing import get_context
@@ -26,7 +26,7 @@ from typing import Any, Literal
 import numpy as np
 
 from . import metrics
-from .errors import CosimError, DescriptionError, suggest
+from .errors import CosimError, DescriptionError, SimulationError, suggest
 from .master import simulate
 from .results import Result
 from .system import read_system
@@ -389,7 +389,7 @@ def run_study(
     """Carry out the runs of the study in ``folder`` whose names match ``pattern``, ``jobs`` at a time.
 
     The outcomes do not depend on ``jobs``; ``progress`` is told of each as it ends.
-    Raises DescriptionError if no run matches.
+    Raises DescriptionError if no run matches, SimulationError if a run takes its process down.
     """
     study = load_study(folder)
     names = matching_runs(study, pattern)
@@ -399,11 +399,19 @@ def run_study(
             done[name] = run_one(folder, name, study.runs[name], fmus)
             progress(done[name])
     else:
-        with ProcessPoolExecutor(min(jobs, len(names)), mp_context=get_context("spawn")) as pool:
+        pool = ProcessPoolExecutor(min(jobs, len(names)), mp_context=get_context("spawn"))
+        try:
             for future in as_completed([pool.submit(_run_in_process, folder, name, fmus) for name in names]):
                 name, numbers, result, steps, failure = future.result()
                 done[name] = Outcome(name, study.runs[name], numbers, result, steps, failure)
                 progress(done[name])
+        except BrokenExecutor:
+            left = ", ".join(name for name in names if name not in done)
+            raise SimulationError(
+                f"a process died in one of the runs {left}. Give jobs = 1 to see which run it is."
+            ) from None
+        finally:
+            pool.shutdown(cancel_futures=True)
     return Outcomes([done[name] for name in names])
 
 

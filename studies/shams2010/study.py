@@ -246,11 +246,9 @@ def each(
     return measure
 
 
-def of(name: str, factor: float = 1.0, **runs: str) -> Measure:
-    """A figure's magnitude in single runs, label = run; the label ``value`` is left out of the report."""
-    return lambda outcomes: {
-        "" if label == "value" else label: abs(factor * outcomes.number(run, name)) for label, run in runs.items()
-    }
+def of(name: str, runs: Mapping[str, str], factor: float = 1.0) -> Measure:
+    """A figure's magnitude in single runs: label -> run."""
+    return lambda outcomes: {label: abs(factor * outcomes.number(run, name)) for label, run in runs.items()}
 
 
 def ratio(one: Measure, other: Measure) -> Measure:
@@ -263,7 +261,7 @@ def ratio(one: Measure, other: Measure) -> Measure:
     return measure
 
 
-def join(**parts: Measure) -> Measure:
+def join(parts: Mapping[str, Measure]) -> Measure:
     """Several measures, each label preceded by the name of its part."""
     return lambda outcomes: {
         f"{name} {label}".strip(): value for name, part in parts.items() for label, value in part(outcomes).items()
@@ -273,7 +271,7 @@ def join(**parts: Measure) -> Measure:
 def both_profiles(name: str, controllers: tuple[str, ...], references: tuple[str, ...], factor: float = 1.0) -> Measure:
     """``each`` in profile P and in profile I."""
     return join(
-        P=each(name, controllers, references, "_2us", factor), I=each(name, controllers, references, "", factor)
+        {"P": each(name, controllers, references, "_2us", factor), "I": each(name, controllers, references, "", factor)}
     )
 
 
@@ -393,7 +391,7 @@ def chapter() -> Iterator[Claim]:
         "Step: SMC has a steady-state error",
         "a steady-state error",
         "µm",
-        of("error_max", UM, value="smci_step"),
+        of("error_max", {"": "smci_step"}, UM),
         {"reproduced": at_least(0.1)},
         CLAIMS,
         LITERAL,
@@ -477,7 +475,7 @@ def chapter() -> Iterator[Claim]:
             "Tracking: SMC and CSMC chatter, CSMC less",
             "fluctuations and chatter, lower for CSMC",
             "1",
-            ratio(of("command_tv", SMC=one, CSMC=other), of("command_tv", SMC=smooth, CSMC=smooth)),
+            ratio(of("command_tv", {"SMC": one, "CSMC": other}), of("command_tv", {"SMC": smooth, "CSMC": smooth})),
             {"reproduced": both(at_least(5.0), falling())},
             CLAIMS,
             f"{setting}; 5 sin t",
@@ -501,7 +499,7 @@ def chapter() -> Iterator[Claim]:
         "Tracking: the command of FSMC is smooth",
         "no fluctuations, no chattering",
         "N·m",
-        of("command_tv", math.pi, value="fsmc_5sin_measured"),
+        of("command_tv", {"": "fsmc_5sin_measured"}, math.pi),
         {"fitted": at_most(56.0)},
         CLAIMS,
         f"{MEASURED}; 5 sin t",
@@ -669,13 +667,18 @@ def reference_numbers() -> Iterator[Claim]:
         "SMC, sin 2πt",
         {"max": 13.09, "rms": 9.913},
         "µm",
-        join(max=each("error_max", ("smc",), ("2pi",), "", UM), rms=each("error_rms", ("smc",), ("2pi",), "", UM)),
+        join(
+            {"max": each("error_max", ("smc",), ("2pi",), "", UM), "rms": each("error_rms", ("smc",), ("2pi",), "", UM)}
+        ),
         0.02,
     )
     yield number("A6a", "CSMC, step: error at 1 s", 6.662, "µm", each("error_end", ("csmc",), STEP, "", UM), 0.02)
     largest_and_rms = {
         controller: join(
-            max=each("error_max", (controller,), TRACKED, "", UM), rms=each("error_rms", (controller,), TRACKED, "", UM)
+            {
+                "max": each("error_max", (controller,), TRACKED, "", UM),
+                "rms": each("error_rms", (controller,), TRACKED, "", UM),
+            }
         )
         for controller in CONTROLLERS
     }
@@ -721,8 +724,10 @@ def reference_numbers() -> Iterator[Claim]:
         {"max SMC": 13.57, "max CSMC": 10.37, "rms SMC": 9.08, "rms CSMC": 5.07},
         "µm",
         join(
-            max=each("error_max", ("smc", "csmc"), ("slow",), "", UM),
-            rms=each("error_rms", ("smc", "csmc"), ("slow",), "", UM),
+            {
+                "max": each("error_max", ("smc", "csmc"), ("slow",), "", UM),
+                "rms": each("error_rms", ("smc", "csmc"), ("slow",), "", UM),
+            }
         ),
         0.03,
     )
@@ -763,7 +768,7 @@ def reference_numbers() -> Iterator[Claim]:
         "Double ball bar, FSMC: G and mean radial deviation",
         {"G R20 F500": 0.785, "G R20 F1000": 0.245, "mean R20 F500": -0.019, "mean R20 F1000": -0.081},
         "µm",
-        join(G=circles("G", "fsmc", two), mean=circles("mean_deviation", "fsmc", two)),
+        join({"G": circles("G", "fsmc", two), "mean": circles("mean_deviation", "fsmc", two)}),
         0.1,
     )
     yield number(
@@ -771,12 +776,12 @@ def reference_numbers() -> Iterator[Claim]:
         "SMC, 5 sin t: variation of the command in chatter",
         1.32e5,
         "N·m/s",
-        of("command_tv", value="smc_5sin_chatter"),
+        of("command_tv", {"": "smc_5sin_chatter"}),
         0.1,
         CHATTER,
     )
     yield number(
-        "A15b", "SMC, 5 sin t: rms in chatter", 5.6, "µm", of("error_rms", UM, value="smc_5sin_chatter"), 0.1, CHATTER
+        "A15b", "SMC, 5 sin t: rms in chatter", 5.6, "µm", of("error_rms", {"": "smc_5sin_chatter"}, UM), 0.1, CHATTER
     )
     tables = {
         "smc": ((0.314, 0.283, 0.327), (0.204, 0.193, 0.248), (8.1, 8.5, 83.0)),
