@@ -1,0 +1,11 @@
+"""Design tools on top of the master: procedures that run a system many times.
+
+    sweep       systems over grids, lists and random designs of start values, on a cluster if there is one
+    identify    the nominal characteristic trajectory of a stage from an open-loop pulse
+    stability   linear and practical limits of NCTF control, maps of limits
+    pulse       learning of friction pulses
+    tune        parameters by optimization
+    linearize   state space and sampled-loop margins from directional derivatives
+
+They know FMI and names given as arguments, never a component.
+"""

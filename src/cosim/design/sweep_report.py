@@ -1,0 +1,162 @@
+"""The report of a sweep: what was varied, how every figure depends on it, the best runs and the failed ones."""
+
+# matplotlib leaves the types of its keyword arguments open:
+# pyright: reportUnknownMemberType=false
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import DescriptionError
+from ..metrics import Array
+from ..plots import save, typeset
+from .sweep import DataSet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NOT_FIGURES = ("run", "seconds", "error")
+MAX_PAIRS = 6
+SHOWN = 10
+
+
+def write_report(folder: Path) -> Path:
+    """Write ``report.md`` and one picture a figure into the folder of a data set; the path of the report."""
+    about_file = folder / "sweep.json"
+    if not about_file.is_file():
+        raise DescriptionError(f"{folder} holds no sweep.")
+    about: Mapping[str, Any] = json.loads(about_file.read_text(encoding="utf-8"))
+    table = DataSet(folder).read()
+    if not table.num_rows:
+        raise DescriptionError(f"{folder} holds no run yet.")
+    columns: dict[str, list[Any]] = table.to_pydict()
+    parameters: list[str] = about["parameters"]
+    names = [name for name in columns if name not in NOT_FIGURES and name not in parameters]
+    failed = [(run, error) for run, error in zip(columns["run"], columns["error"], strict=True) if error]
+    lines = [
+        f"# {about['description'] or about['name']}",
+        "",
+        f"System {about['system']}, {about['method']} of {about['runs']} runs over "
+        + ", ".join(f"{path} [{about['units'][path]}]" for path in parameters)
+        + f". {table.num_rows} runs are recorded, {len(failed)} of them failed.",
+        "",
+    ]
+    for name in names:
+        values = np.array([math.nan if value is None else value for value in columns[name]])
+        finite = np.isfinite(values)
+        if not np.any(finite):
+            continue
+        picture = folder / f"{name.replace('.', '_')}.png"
+        _draw(picture, name, values, {path: columns[path] for path in parameters}, about["units"])
+        lines += [f"## {name}", "", f"![{name}]({picture.name})", ""]
+        order = [int(i) for i in np.argsort(np.where(finite, values, np.inf))[:SHOWN] if finite[i]]
+        lines += ["| run | " + " | ".join(parameters) + f" | {name} |", "|" + "---|" * (len(parameters) + 2)]
+        for i in order:
+            given = " | ".join(_shown(columns[path][i]) for path in parameters)
+            lines.append(f"| {columns['run'][i]} | {given} | {values[i]:.6g} |")
+        lines.append("")
+    if failed:
+        lines += ["## Failed runs", ""]
+        lines += [f"- run {run}: {error}" for run, error in failed[:SHOWN]]
+        if len(failed) > SHOWN:
+            lines.append(f"- and {len(failed) - SHOWN} more")
+        lines.append("")
+    path = folder / "report.md"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _numbers(values: list[Any]) -> tuple[Array, list[str] | None]:
+    """The values as numbers; texts and booleans by their place, with their names."""
+    if all(isinstance(value, float) for value in values):
+        return np.array(values), None
+    labels = sorted({str(value) for value in values})
+    return np.array([float(labels.index(str(value))) for value in values]), labels
+
+
+def _is_log(values: Array) -> bool:
+    distinct = np.unique(values)
+    if distinct.size < 3 or distinct[0] <= 0.0 or distinct[-1] < 10.0 * distinct[0]:
+        return False
+    return float(np.ptp(np.diff(np.log(distinct)))) < float(np.ptp(np.diff(distinct))) / float(distinct[-1])
+
+
+def _draw(picture: Path, name: str, values: Array, given: Mapping[str, list[Any]], units: Mapping[str, str]) -> None:
+    """A line over one parameter, else a map over each pair of parameters."""
+    varied = [path for path, column in given.items() if len(set(column)) > 1] or list(given)[:1]
+    axes_of = {path: _numbers(given[path]) for path in varied}
+    pairs = list(itertools.combinations(varied, 2))[:MAX_PAIRS]
+
+    def label(path: str) -> str:
+        return f"{path} [{typeset(units[path])}]" if units[path] != "1" else path
+
+    def scale(axes: Axes, path: str, which: str) -> None:
+        numbers, labels = axes_of[path]
+        if labels is not None:
+            ticks = list(range(len(labels)))
+            (axes.set_xticks if which == "x" else axes.set_yticks)(ticks, labels)
+        elif _is_log(numbers):
+            (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+        (axes.set_xlabel if which == "x" else axes.set_ylabel)(label(path))
+
+    def draw(figure: Figure) -> None:
+        if not pairs:
+            axes = figure.add_subplot()
+            x = axes_of[varied[0]][0]
+            order = np.argsort(x)
+            axes.plot(x[order], values[order], ".-")
+            scale(axes, varied[0], "x")
+            axes.set_ylabel(name)
+            return
+        for i, (across, up) in enumerate(pairs):
+            axes = figure.add_subplot(-(-len(pairs) // 3), min(len(pairs), 3), i + 1)
+            axes.grid(visible=False)
+            mappable = heat_map(axes, axes_of[across][0], axes_of[up][0], values)
+            scale(axes, across, "x")
+            scale(axes, up, "y")
+            figure.colorbar(mappable, ax=axes, label=name if len(pairs) == 1 else "")
+        if len(pairs) > 1:
+            figure.suptitle(f"{name} (mean over the other parameters)", fontsize=10.0)
+
+    columns = max(1, min(len(pairs), 3))
+    save(picture, draw, (1.2 + 4.2 * columns, 0.4 + 3.6 * max(1, -(-len(pairs) // 3))))
+
+
+def heat_map(axes: Axes, x: Array, y: Array, values: Array) -> Any:
+    """Cells where the points form a grid, each the mean of its values, else coloured points; for a colour bar."""
+    across, up = np.unique(x), np.unique(y)
+    if across.size * up.size > max(values.size, 1):
+        finite = np.isfinite(values)
+        axes.plot(x[~finite], y[~finite], "x", color="#999999", markersize=4.0)
+        return axes.scatter(x[finite], y[finite], c=values[finite], s=16.0)
+    total, count = np.zeros((up.size, across.size)), np.zeros((up.size, across.size))
+    finite = np.isfinite(values)
+    at = np.searchsorted(up, y[finite]), np.searchsorted(across, x[finite])
+    np.add.at(total, at, values[finite])
+    np.add.at(count, at, 1.0)
+    cells = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0.0)
+    return axes.pcolormesh(_edges(across), _edges(up), cells)
+
+
+def _edges(centres: Array) -> Array:
+    """Edges of cells about ascending ``centres``: halfway between, for equal ratios halfway between logarithms."""
+    if centres.size == 1:
+        half = abs(float(centres[0])) / 2.0 or 0.5
+        return np.array([centres[0] - half, centres[0] + half])
+    log = _is_log(centres)
+    at = np.log(centres) if log else centres
+    middle = 0.5 * (at[1:] + at[:-1])
+    edges = np.concatenate(([2.0 * at[0] - middle[0]], middle, [2.0 * at[-1] - middle[-1]]))
+    return np.exp(edges) if log else edges

@@ -1,0 +1,294 @@
+"""Sweeps: designs of runs, the data set, failures, interruption and resumption, workers that die."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from cosim.design import sweep as sweeps
+from cosim.design.sweep import DataSet, Job, Point, Progress, Row, Sweep, make_sweep, read_sweep, report, sweep
+from cosim.errors import DescriptionError
+from cosim.system import read_system
+
+STEP = Path(__file__).parents[1] / "studies" / "maeda2008" / "step.toml"
+GAINS = {"from": 300.0, "to": 1200.0, "count": 4}
+
+
+@pytest.fixture
+def make(native: Path) -> Callable[..., Sweep]:
+    def made(parameters: dict[str, Any], **more: Any) -> Sweep:
+        document = {"system": STEP.name, "parameters": parameters, "experiment": {"stop_time": 0.02}, **more}
+        return make_sweep(document, folder=STEP.parent, fmus=native)
+
+    return made
+
+
+def rows_of(folder: Path) -> dict[str, list[Any]]:
+    return DataSet(folder).read().to_pydict()
+
+
+def assert_complete(folder: Path, plan: Sweep) -> None:
+    """Every run once, and with its own values."""
+    rows = rows_of(folder)
+    assert rows["run"] == list(range(len(plan.points)))
+    assert list(zip(*(rows[path] for path in plan.parameters), strict=True)) == list(plan.points)
+
+
+# Designs
+
+
+def test_a_grid_has_every_combination(make: Callable[..., Sweep]) -> None:
+    plan = make({"controller.K_P": GAINS, "plant.m": {"from": 1.0, "to": 100.0, "count": 3, "log": True}})
+    assert [point[0] for point in plan.points[::3]] == pytest.approx([300.0, 600.0, 900.0, 1200.0])
+    assert [point[1] for point in plan.points[:3]] == pytest.approx([1.0, 10.0, 100.0])
+    assert len(set(plan.points)) == 12
+
+
+def test_a_list_goes_through_its_values_together(make: Callable[..., Sweep]) -> None:
+    plan = make({"controller.K_P": [1.0, 2.0], "controller.velocity_source": ["input", "difference"]}, method="list")
+    assert plan.points == ((1.0, "input"), (2.0, "difference"))
+
+
+@pytest.mark.parametrize("method", ["latin", "sobol"])
+def test_random_designs_fill_every_stratum_and_repeat(make: Callable[..., Sweep], method: str) -> None:
+    """Both put one of 2^m points into each of 2^m equal intervals of every parameter."""
+    given = {"controller.K_P": {"from": 0.0, "to": 32.0}, "plant.m": {"from": 1.0, "to": 16.0, "log": True}}
+    plan = make(given, method=method, count=32, seed=3)
+    gains, masses = np.array(plan.points).T
+    assert sorted(np.floor(gains)) == list(range(32))
+    assert sorted(np.floor(8.0 * np.log2(masses))) == list(range(32))
+    assert make(given, method=method, count=32, seed=3).points == plan.points
+    assert make(given, method=method, count=32, seed=4).points != plan.points
+
+
+def test_everything_wrong_is_said_at_once(make: Callable[..., Sweep]) -> None:
+    with pytest.raises(DescriptionError) as refusal:
+        make(
+            {"plant.mas": [1.0]},
+            metrics={"a": {"of": "rmss", "signal": "plant.position"}, "b": {"of": "rms", "signal": "plant.positon"}},
+            colour="red",
+        )
+    for text in ("colour: unknown key", "no variable 'mas'", "Did you mean 'rms'", "Did you mean 'position'"):
+        assert text in str(refusal.value)
+    for parameters, more, text in (
+        ({"plant.m": [-1.0]}, {}, "below its minimum"),
+        ({"plant.m": {"from": 1.0}}, {}, "write { from = 1.0"),
+        ({"plant.m": {"from": 0.0, "to": 1.0, "count": 3, "log": True}}, {}, "log needs positive ends"),
+        ({"plant.m": [1.0], "plant.J": [1.0, 2.0]}, {"method": "list"}, "equally many"),
+        ({"plant.m": {"from": 1.0, "to": 2.0}}, {"method": "sobol"}, "not a number of runs"),
+        ({"plant.position": [1.0]}, {}, "cannot be set"),
+        ({}, {}, "none given"),
+        ({"plant.m": [1.0]}, {"method": "sobel"}, "Did you mean 'sobol'"),
+    ):
+        with pytest.raises(DescriptionError, match=text):
+            make(parameters, **more)
+
+
+# Results
+
+
+def test_figures_are_those_of_single_runs(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    from cosim.master import simulate
+
+    metrics = {"window": [0.01, 0.02], "top": {"of": "max", "signal": "plant.position"}}
+    plan = make({"controller.K_P": GAINS}, metrics=metrics)
+    outcome = sweep(plan, tmp_path / "data", workers=0)
+    assert (outcome.runs, outcome.new, outcome.failed) == (4, 4, 0)
+    rows = rows_of(tmp_path / "data")
+    for gain, top in zip(rows["controller.K_P"], rows["top"], strict=True):
+        result = simulate(read_system(STEP, {"controller.K_P": gain}, fmus=plan.system.fmus, stop_time=0.02))
+        assert top == np.max(result["plant.position"][50:])
+
+
+def test_without_metrics_the_loop_is_judged(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    sweep(make({"controller.K_P": GAINS, "trajectory.amplitude": [1e-4]}), tmp_path / "data", workers=0)
+    rows = rows_of(tmp_path / "data")
+    assert rows["error_max"] == [1e-4] * 4  # the reference steps at the start
+    assert len(set(rows["error_rms"])) == 4
+
+
+def test_a_failing_run_is_recorded_and_stops_no_other(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    """F_S below F_C breaks a rule of the plant, which it finds when it is initialized."""
+    plan = make({"plant.F_S": [0.05, 0.01, 0.06]})
+    outcome = sweep(plan, tmp_path / "data", workers=0)
+    rows = rows_of(tmp_path / "data")
+    assert outcome.failed == 1
+    assert rows["run"] == [0, 1, 2]
+    assert "static friction" in rows["error"][1].lower()
+    assert rows["error_rms"][1] is None
+    assert rows["error"][0] is rows["error"][2] is None
+    assert "Failed runs" in report(tmp_path / "data").read_text(encoding="utf-8")
+
+
+def test_the_report_shows_heat_maps(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    figures = {name: {"of": name, "signal": "plant.position"} for name in ("rms", "last")}
+    masses = {"from": 1.0, "to": 100.0, "count": 3, "log": True}
+    sweep(make({"controller.K_P": GAINS, "plant.m": masses}, metrics=figures), tmp_path / "data", workers=0)
+    text = report(tmp_path / "data").read_text(encoding="utf-8")
+    assert "12 runs are recorded, 0 of them failed" in text
+    for name in figures:
+        assert f"]({name}.png)" in text
+        assert (tmp_path / "data" / f"{name}.png").stat().st_size > 5000
+
+
+# Interruption
+
+
+class Stop(Exception):
+    pass
+
+
+def test_an_interrupted_sweep_goes_on_where_it_was(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    plan = make({"controller.K_P": {"from": 300.0, "to": 1200.0, "count": 30}})
+    sweep(plan, tmp_path / "whole", workers=0)
+
+    def stop(progress: Progress) -> None:
+        if progress.done > 3:
+            raise Stop
+
+    with pytest.raises(Stop):
+        sweep(plan, tmp_path / "data", workers=0, progress=stop)
+    held = len(rows_of(tmp_path / "data")["run"])
+    assert 3 < held < 30
+    outcome = sweep(plan, tmp_path / "data", workers=0)
+    assert outcome.new == 30 - held
+    assert_complete(tmp_path / "data", plan)
+    assert rows_of(tmp_path / "data")["error_rms"] == rows_of(tmp_path / "whole")["error_rms"]
+    assert sweep(plan, tmp_path / "data", workers=0).new == 0
+
+
+def test_another_sweep_does_not_mix_in(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    sweep(make({"controller.K_P": [1.0]}), tmp_path / "data", workers=0)
+    other = make({"controller.K_P": [2.0]})
+    with pytest.raises(DescriptionError, match="another sweep"):
+        sweep(other, tmp_path / "data", workers=0)
+    assert sweep(other, tmp_path / "data", workers=0, restart=True).runs == 1
+    assert rows_of(tmp_path / "data")["controller.K_P"] == [2.0]
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    with pytest.raises(DescriptionError, match="not empty"):
+        sweep(other, tmp_path / "full", workers=0)
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.tex"]
+
+
+def test_a_full_disk_ends_the_sweep_and_loses_nothing(
+    make: Callable[..., Sweep], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = make({"controller.K_P": {"from": 300.0, "to": 1200.0, "count": 30}})
+    written = 0
+    real = os.fsync
+
+    def full(file: int) -> None:
+        nonlocal written
+        written += 1
+        if written > 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(file)
+
+    monkeypatch.setattr(sweeps.os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        sweep(plan, tmp_path / "data", workers=0)
+    monkeypatch.undo()
+    assert not list(tmp_path.rglob("*.part"))
+    held = rows_of(tmp_path / "data")["run"]
+    assert 0 < len(held) < 30
+    sweep(plan, tmp_path / "data", workers=0)
+    assert_complete(tmp_path / "data", plan)
+
+
+SWEEP_FILE = """
+system = {system}
+[parameters]
+"controller.K_P" = {{ from = 300.0, to = 1200.0, count = 60 }}
+[experiment]
+stop_time = 0.6
+"""
+
+
+def test_a_killed_sweep_goes_on(native: Path, tmp_path: Path) -> None:
+    file = tmp_path / "gains.toml"
+    file.write_text(SWEEP_FILE.format(system=json.dumps(str(STEP))), encoding="utf-8")
+    call = f"from cosim.design.sweep import sweep; sweep({str(file)!r}, {str(tmp_path / 'data')!r}, "
+    call += f"fmus={str(native)!r}, workers=0)"
+    process = subprocess.Popen([sys.executable, "-c", call])
+    try:
+        deadline = time.monotonic() + 60.0
+        while len(list((tmp_path / "data" / "runs").glob("*.parquet"))) < 2:
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+    finally:
+        process.kill()
+        process.wait()
+    held = len(rows_of(tmp_path / "data")["run"])
+    assert 0 < held < 60
+    plan = read_sweep(file, fmus=native)
+    assert sweep(plan, tmp_path / "data", workers=0).new == 60 - held
+    assert_complete(tmp_path / "data", plan)
+
+
+# Workers
+
+
+def workers() -> list[psutil.Process]:
+    """Processes of dask workers that this one has started."""
+    return [child for child in psutil.Process().children(recursive=True) if "spawn_main" in " ".join(child.cmdline())]
+
+
+def test_a_worker_killed_on_the_way_costs_no_run(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    plan = make({"controller.K_P": {"from": 300.0, "to": 1200.0, "count": 80}}, experiment={"stop_time": 0.2})
+    sweep(plan, tmp_path / "whole", workers=0)
+    killed: list[int] = []
+
+    def kill(progress: Progress) -> None:
+        if progress.done > 4 and not killed:
+            victim = workers()[0]
+            killed.append(victim.pid)
+            victim.kill()
+
+    outcome = sweep(plan, tmp_path / "data", workers=2, progress=kill)
+    assert killed
+    assert outcome.failed == 0
+    assert_complete(tmp_path / "data", plan)
+    assert rows_of(tmp_path / "data")["error_rms"] == rows_of(tmp_path / "whole")["error_rms"]
+    assert not workers()
+
+
+def deadly_batch(job: Job, numbers: Sequence[int], points: Sequence[Point]) -> list[Row]:
+    """``run_batch``, but run 2 takes its process with it."""
+    if 2 in numbers:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return [Row(number, point, {"figure": 1.0}, 0.3, "") for number, point in zip(numbers, points, strict=True)]
+
+
+def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(
+    make: Callable[..., Sweep], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sweeps, "run_batch", deadly_batch)
+    monkeypatch.setattr(sweeps, "DEATHS", 1)
+    plan = make({"controller.K_P": {"from": 300.0, "to": 1200.0, "count": 8}})
+    outcome = sweep(plan, tmp_path / "data", workers=1)
+    rows = rows_of(tmp_path / "data")
+    assert_complete(tmp_path / "data", plan)
+    assert outcome.failed == 1
+    assert "the worker process died" in rows["error"][2]
+    assert rows["figure"] == [None if run == 2 else 1.0 for run in range(8)]
+
+
+def test_no_scheduler_is_said(make: Callable[..., Sweep], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeps, "CONNECT_SECONDS", 0.5)
+    with pytest.raises(DescriptionError, match=r"no dask scheduler at tcp://127\.0\.0\.1:9"):
+        sweep(make({"plant.m": [3.0]}), tmp_path / "data", scheduler="tcp://127.0.0.1:9")
