@@ -91,6 +91,17 @@ def test_a_run_shows_position_error_and_command_in_display_units(figures: list[F
     assert float(np.max(position)) == pytest.approx(5.0, rel=1e-4)
 
 
+def test_a_start_far_beyond_the_later_error_is_cut_off_and_told(figures: list[Figure]) -> None:
+    one = one_axis()
+    start = np.where(one.time < 0.1, 9e-6, 0.0)
+    columns = dict(one.columns) | {"plant.position": one["plant.position"] + start}
+    plots.plot_run(Recording(one.time, columns, one.units, one.connections), Path("run.png"))
+    axes = figures[0].axes[1]
+    # the error of the second half is 0.2 um at most
+    assert axes.get_ylim() == pytest.approx((-0.3, 0.3), rel=1e-3)
+    assert axes.get_title() == "cut off: up to 9.4 µm"
+
+
 def test_two_axes_show_two_lines_named_by_their_controllers(figures: list[Figure]) -> None:
     one = one_axis()
     columns = {f"{name.split('.')[0]}_{axis}.{name.split('.')[1]}": one[name] for axis in "xy" for name in one.names}
@@ -253,6 +264,35 @@ def test_the_table_of_a_step_tells_overshoot_and_settling() -> None:
     assert rows["Settling into 2 % of the step"].unit == "ms"
     assert 0.0 < rows["Settling into 2 % of the step"].value <= 20.0 * math.log(50.0) + 0.1
     assert not any(name.startswith("Command") for name in rows)
+
+
+def two_axes(turns: float) -> Recording:
+    """A circle of 20 mm whose X axis is 0.1 % too short, driven for so many turns."""
+    angle = np.linspace(0.0, 2.0 * math.pi * turns, round(7200 * turns) + 1)
+    columns = {
+        "tx.position": 0.02 * np.cos(angle),
+        "px.position": 0.02 * (1.0 - 1e-3) * np.cos(angle),
+        "ty.position": 0.02 * np.sin(angle),
+        "py.position": 0.02 * np.sin(angle),
+    }
+    connections = [
+        (f"{kind}{axis}.position", f"c{axis}.position{end}")
+        for axis in "xy"
+        for kind, end in (("t", "_ref"), ("p", ""))
+    ]
+    return Recording(0.001 * angle, columns, dict.fromkeys(columns, "m"), connections)
+
+
+def test_the_table_of_a_circle_has_the_figures_of_its_last_turn() -> None:
+    rows = {row.name: row.value for row in metrics.summary(two_axes(2.3))}
+    assert rows["Circular deviation G, turn 2"] == pytest.approx(20.0, rel=1e-3)
+    assert rows["Radial deviation F_max, turn 2"] == pytest.approx(0.0, abs=1e-6)
+    assert rows["Radial deviation F_min, turn 2"] == pytest.approx(-20.0, rel=1e-6)
+    assert rows["Radial deviation, mean, turn 2"] == pytest.approx(-10.0, rel=1e-3)
+
+
+def test_less_than_a_turn_has_no_circular_figures() -> None:
+    assert not any("turn" in row.name for row in metrics.summary(two_axes(0.9)))
 
 
 def test_signals_of_different_units_make_no_loop() -> None:

@@ -287,7 +287,7 @@ def reversal_values(angle: Array, deviation: Array) -> tuple[float, float, float
 
 
 class CircularTest(NamedTuple):
-    """One turn of a circular test; lengths in m."""
+    """One turn of a circular test; lengths in the unit of the path."""
 
     circular_deviation: float
     """G, about the least-squares centre."""
@@ -308,7 +308,7 @@ class CircularTest(NamedTuple):
 
 
 def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: float, turn: int = 2) -> CircularTest:
-    """The figures of a turn (1 is the first) of a path commanded as a circle of ``radius`` about the origin, in m.
+    """The figures of a turn (1 is the first) of a path commanded as a circle of ``radius`` about the origin.
 
     The angle is that of the commanded point and counts from its first sample's axis, growing along the motion.
     Raises DescriptionError if the path has not that many turns.
@@ -402,7 +402,8 @@ def summary(result: Recorded, start: float | None = None) -> list[Row]:
     """The table that ends a run: tracking figures of every loop from ``start`` s on (the last half if not given).
 
     Empty if the run has no loop. Lengths are in um. If the reference rests from ``start`` on at a place other than
-    the position's first, overshoot and settling into 2 % of the way are told as well.
+    the position's first, overshoot and settling into 2 % of the way are told as well; if two loops go along a circle
+    about the origin, the circular test of its last whole turn.
     """
     time = result.time
     begin = 0.5 * float(time[0] + time[-1]) if start is None else start

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from .errors import DescriptionError
-from .metrics import Array, Loop, Recorded, loops
+from .metrics import Array, Loop, Recorded, loops, max_abs
 from .units import conversion
 
 if TYPE_CHECKING:
@@ -80,6 +80,8 @@ class Panel:
     unit: str
     series: tuple[Series, ...]
     log: bool = False
+    limit: float | None = None
+    """The axis ends at plus and minus this; what is cut off is told above the panel."""
 
 
 def display_unit(unit: str, peak: float) -> tuple[str, float]:
@@ -147,7 +149,9 @@ def _peak(arrays: Sequence[Array]) -> float:
 
 def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
     x_factor = display_unit(x_unit, _peak([series.x for series in panel.series]))[1]
-    unit, factor = display_unit(panel.unit, _peak([series.y for series in panel.series]))
+    peak = _peak([series.y for series in panel.series])
+    cut = panel.limit is not None and peak > panel.limit > 0.0
+    unit, factor = display_unit(panel.unit, panel.limit if cut and panel.limit else peak)
     for i, series in enumerate(panel.series):
         x, y = envelope(series.x, series.y)
         axes.plot(
@@ -159,6 +163,9 @@ def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
         )
     if panel.log:
         axes.set_yscale("log")
+    if cut and panel.limit:
+        axes.set_ylim(-panel.limit * factor, panel.limit * factor)
+        axes.set_title(f"cut off: up to {peak * factor:.3g} {typeset(unit)}", fontsize=8.0, color="#666666")
     axes.set_ylabel(f"{panel.quantity} [{typeset(unit)}]" if unit != "1" else panel.quantity)
     axes.margins(x=0.0)
     if len(panel.series) > 1:
@@ -204,7 +211,10 @@ def plot_panels(
 
 
 def plot_run(result: Recorded, path: Path) -> None:
-    """What a run did: reference and position, error and command of every loop; without a loop, all of the record."""
+    """What a run did: reference and position, error and command of every loop; without a loop, all of the record.
+
+    The error's axis suits the second half of the run: a start that goes far beyond it is cut off, and said to be.
+    """
     panels: list[Panel] = []
     found = loops(result)
     if found:
@@ -228,7 +238,9 @@ def plot_run(result: Recorded, path: Path) -> None:
             )
         )
         errors = tuple(Series(name(loop, ""), result.time, loop.error(result), 2 * i) for i, loop in enumerate(found))
-        panels.append(Panel("Error", result.unit(found[0].position), errors))
+        settled = 1.5 * max(max_abs(series.y[series.y.size // 2 :]) for series in errors)
+        limit = settled if _peak([series.y for series in errors]) > 4.0 * settled else None
+        panels.append(Panel("Error", result.unit(found[0].position), errors, limit=limit))
         for unit in dict.fromkeys(result.unit(loop.command) for loop in found if loop.command):
             panels.append(
                 Panel(
