@@ -438,4 +438,29 @@ def summary(result: Recorded, start: float | None = None) -> list[Row]:
                     f"{prefix}Command, total variation{since}", total_variation(time[part], command[part]), f"{unit}/s"
                 ),
             ]
+    if len(found) == 2:
+        rows += _circle_rows(result, found[0], found[1])
     return rows
+
+
+def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Row]:
+    """The circular test of the last whole turn; empty if the references do not go along a circle about the origin."""
+    length = conversion(result.unit(x.position), "um")
+    if result.unit(y.position) != result.unit(x.position):
+        return []
+    x_ref, y_ref = result[x.reference] * length, result[y.reference] * length
+    radius = float(np.mean(np.hypot(x_ref, y_ref)))
+    angle = np.unwrap(np.arctan2(y_ref, x_ref))
+    turns = int(abs(float(angle[-1] - angle[0])) / (2.0 * math.pi) + 1e-9)
+    if turns == 0 or max_abs(np.hypot(x_ref, y_ref) - radius) > 1e-6 * radius:
+        return []
+    test = circular_test(
+        result[x.position] * length, result[y.position] * length, x_ref, y_ref, radius=radius, turn=turns
+    )
+    return [
+        Row(f"Circular deviation G, turn {turns}", test.circular_deviation, "um"),
+        Row(f"Radial deviation F_max, turn {turns}", test.radial_max, "um"),
+        Row(f"Radial deviation F_min, turn {turns}", test.radial_min, "um"),
+        Row(f"Radial deviation, mean, turn {turns}", test.radial_mean, "um"),
+        Row(f"Reversal spike, largest, turn {turns}", max(test.spikes, key=abs), "um"),
+    ]
