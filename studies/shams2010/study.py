@@ -1048,8 +1048,8 @@ chapter's gains need in order not to chatter. Errors are position minus referenc
             "code), not of the chapter: they check these FMUs. A1 to A15 have the tolerances agreed for acceptance."
         ),
         BACKLASH: (
-            "The chapter describes backlash as a dead band with elastic impact and does not simulate it. Published here "
-            "are figures of the other simulation, with two inertias on either side of the dead band."
+            "The chapter describes backlash as a dead band with elastic impact and does not simulate it. Published "
+            "here are figures of the other simulation, with two inertias on either side of the dead band."
         ),
     },
 )
