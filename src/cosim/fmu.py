@@ -17,16 +17,15 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path, PurePosixPath
 from platform import machine
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
-from fmpy import model_description as _model_description
-
 from .errors import DescriptionError
 
-fmi: Any = _model_description
+fmi: Any = import_module("fmpy.model_description")
 
 Type = Literal["Real", "Integer", "Boolean", "String", "Enumeration"]
 Value = float | int | bool | str

@@ -11,23 +11,24 @@ read and write it in place. Integer and Boolean signals go through ``integers``,
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numba as _numba
 import numpy as np
-from llvmlite import ir as _ir
 from numba.extending import intrinsic as _intrinsic
 
 numba: Any = _numba
-ir: Any = _ir
 intrinsic: Any = _intrinsic
+ir: Any = import_module("llvmlite.ir")
 
-# Columns of ``program``. A set call first takes its ``COUNT`` values from the slots that ``sources`` names from
-# ``LINKS`` on; ``PLAIN`` says that none of them is transformed.
 PROGRAM_COLUMNS = 11
-CALL, MULTIPLE, FUNCTION, COMPONENT, REFERENCES, COUNT, BUFFER, SLOT, LINKS, PLAIN, INSTANCE = (
+COMPONENT, STEP, MULTIPLE, LINKS, LINK, CALL, FUNCTION, REFERENCES, COUNT, BUFFER, SLOT = (
     np.uint64(column) for column in range(PROGRAM_COLUMNS)
 )
+"""Columns of ``program``. A row does, in this order, what it has: fmi2DoStep at address ``STEP`` over ``MULTIPLE``
+steps; ``LINKS`` connections, from number ``LINK`` on, into the slots from ``SLOT`` on; and ``CALL``, which is the call
+of ``FUNCTION`` on ``COUNT`` variables, or one of the other acts below."""
 
 FUNCTIONS = (
     "fmi2SetReal",
@@ -40,13 +41,19 @@ FUNCTIONS = (
 )
 SET_REAL, SET_INTEGER, SET_BOOLEAN, GET_REAL, GET_INTEGER, GET_BOOLEAN, DO_STEP = range(7)
 
-# Elements of ``state``, which tells Python where the loop is.
-POINT, ROWS, WARNINGS, FAILED_INSTANCE, FAILED_CALL, FAILED_STATUS = range(6)
+GUARD, TO_INTEGER, TO_BOOLEAN, FROM_INTEGER = range(7, 11)
+"""``GUARD`` leaves out the next ``COUNT`` rows unless the number of the point is a multiple of ``MULTIPLE``. The others
+convert ``COUNT`` slots between ``values`` and ``integers``."""
+
+POINT, ROWS, WARNINGS, FAILED_COMPONENT, FAILED_FUNCTION, FAILED_STATUS = range(6)
+"""Elements of ``state``, which tells Python where the loop is."""
 STATE_LENGTH = 6
 
 
 @intrinsic
-def _exchange(typing: Any, function: Any, component: Any, references: Any, count: Any, buffer: Any) -> Any:
+def _exchange(  # noqa: PLR0917 (numba calls by position)
+    typing: Any, function: Any, component: Any, references: Any, count: Any, buffer: Any
+) -> Any:
     """``fmi2Status function(component, references, count, buffer)``, all given as addresses."""
     u64 = numba.types.uint64
 
@@ -97,62 +104,78 @@ def advance(  # noqa: PLR0917 (numba calls by position)
     """Go on from communication point ``state[POINT]`` to ``end``; False if an FMI call failed.
 
     ``program`` holds its rows one behind the other, ``split`` of them for a communication point, the others to step
-    to the next. Set calls transform by ``factors`` and ``offsets``; ``clock`` is start time and step size. ``rows``
+    to the next. A connection sets ``factor*values[source] + offset``; ``clock`` is start time and step size. ``rows``
     gets the ``recorded`` slots at every ``decimation``-th point. Point ``end`` is left to the next call, except for
     the ``last`` one of the run, from which nothing steps any more.
+
+    Indices are unsigned: numba then adds no code for negative ones.
     """
     start, step = clock[0], clock[1]
-    width = np.uint64(PROGRAM_COLUMNS)
+    width, one = np.uint64(PROGRAM_COLUMNS), np.uint64(1)
+    size, middle = np.uint64(program.size), width * split
+    columns, every = np.uint64(recorded.size), np.uint64(decimation)
+    record = np.uint64(state[ROWS])
     for k in range(state[POINT], end + 1):
         if k == end and end != last:
             break
-        for phase in range(2):
-            if phase == 1:
-                if decimation == 1 or np.uint64(k) % np.uint64(decimation) == 0:
-                    record = state[ROWS]
-                    for column in range(recorded.size):
-                        rows[record, column] = values[recorded[column]]
-                    state[ROWS] = record + 1
-                if k == last:
-                    break
-            at = width * split if phase == 1 else np.uint64(0)
-            stop = np.uint64(program.size) if phase == 1 else width * split
+        state[POINT] = k
+        at, stop, due = np.uint64(0), middle, np.uint64(k)
+        while True:
             while at < stop:
-                call, function, component = program[at + CALL], program[at + FUNCTION], program[at + COMPONENT]
-                multiple = program[at + MULTIPLE]
-                slot, count, link = program[at + SLOT], program[at + COUNT], program[at + LINKS]
                 row = at
                 at += width
-                if multiple != 1 and np.uint64(k + phase) % multiple != 0:
-                    continue
-                if call == DO_STEP:
-                    length = np.int64(multiple)
-                    status = _do_step(function, component, start + (k + 1 - length) * step, length * step)
-                else:
-                    if call <= SET_BOOLEAN:
-                        if program[row + PLAIN] != 0:
-                            for i in range(count):
-                                values[slot + i] = values[sources[link + i]]
+                component, links = program[row + COMPONENT], program[row + LINKS]
+                if program[row + STEP] != 0:
+                    multiple = program[row + MULTIPLE]
+                    begin = np.int64(due - multiple)
+                    status = _do_step(program[row + STEP], component, start + begin * step, np.int64(multiple) * step)
+                    if status != 0:
+                        state[WARNINGS] += 1
+                        if status != 1:
+                            state[FAILED_COMPONENT] = component
+                            state[FAILED_FUNCTION] = DO_STEP
+                            state[FAILED_STATUS] = status
+                            return False
+                if links != 0:
+                    slot, link = program[row + SLOT], program[row + LINK]
+                    values[slot] = factors[link] * values[sources[link]] + offsets[link]
+                    for i in range(one, links):
+                        values[slot + i] = factors[link + i] * values[sources[link + i]] + offsets[link + i]
+                call, count = program[row + CALL], program[row + COUNT]
+                if call > DO_STEP:
+                    if call == GUARD:
+                        if due % program[row + MULTIPLE] != 0:
+                            at += width * count
+                        continue
+                    slot = program[row + SLOT]
+                    for i in range(slot, slot + count):
+                        if call == TO_INTEGER:
+                            integers[i] = np.int32(np.rint(values[i]))
+                        elif call == TO_BOOLEAN:
+                            integers[i] = np.int32(values[i] != 0.0)
                         else:
-                            for i in range(count):
-                                values[slot + i] = factors[link + i] * values[sources[link + i]] + offsets[link + i]
-                        if call == SET_INTEGER:
-                            for i in range(count):
-                                integers[slot + i] = np.int32(np.rint(values[slot + i]))
-                        elif call == SET_BOOLEAN:
-                            for i in range(count):
-                                integers[slot + i] = np.int32(values[slot + i] != 0.0)
-                    status = _exchange(function, component, program[row + REFERENCES], count, program[row + BUFFER])
-                    if call >= GET_INTEGER:
-                        for i in range(count):
-                            values[slot + i] = integers[slot + i]
+                            values[i] = integers[i]
+                    continue
+                status = _exchange(
+                    program[row + FUNCTION], component, program[row + REFERENCES], count, program[row + BUFFER]
+                )
                 if status != 0:
+                    state[WARNINGS] += 1
                     if status != 1:
-                        state[FAILED_INSTANCE] = program[row + INSTANCE]
-                        state[FAILED_CALL] = call
+                        state[FAILED_COMPONENT] = component
+                        state[FAILED_FUNCTION] = call
                         state[FAILED_STATUS] = status
                         return False
-                    state[WARNINGS] += 1
-        else:
-            state[POINT] = k + 1
+            if stop != middle:
+                break
+            if every == one or due % every == 0:
+                for column in range(columns):
+                    rows[record, column] = values[recorded[column]]
+                record += one
+                state[ROWS] = record
+            if k == last:
+                break
+            stop = size
+            due += one
+    state[POINT] = end
     return True

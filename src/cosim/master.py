@@ -38,16 +38,13 @@ import time as clock_time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType, MappingProxyType, TracebackType
-from typing import Any, Self, cast
+from typing import Any, ClassVar, Self, cast
 
-import fmpy as _fmpy
 import numpy as np
-from fmpy import fmi1 as _fmi1
-from fmpy import fmi2 as _fmi2
-from fmpy import logging as _fmi_logging
 from numpy.typing import NDArray
 
 from . import loop
@@ -56,10 +53,10 @@ from .fmu import Fmu, Value, Variable
 from .results import Column, Message, Result
 from .system import Connection, Instance, System, start_value
 
-fmpy: Any = _fmpy
-fmi1: Any = _fmi1
-fmi2: Any = _fmi2
-fmi_logging: Any = _fmi_logging
+fmpy: Any = import_module("fmpy")
+fmi1: Any = import_module("fmpy.fmi1")
+fmi2: Any = import_module("fmpy.fmi2")
+fmi_logging: Any = import_module("fmpy.logging")
 
 Progress = Callable[[float], None]
 """Called with the fraction of the run that is done, at most some twenty times a second."""
@@ -77,7 +74,9 @@ KINDS = {"Real": 0, "Integer": 1, "Enumeration": 1, "Boolean": 2}
 class CallError(SimulationError):
     """An FMI call failed: who, which function, when, which status, and the last message of the FMU."""
 
-    def __init__(self, instance: str, function: str, time: float, status: str, message: str, remedy: str = "") -> None:
+    def __init__(
+        self, instance: str, function: str, *, time: float, status: str, message: str, remedy: str = ""
+    ) -> None:
         self.instance = instance
         self.function = function
         self.time = time
@@ -349,8 +348,8 @@ def _changes(system: System, changes: Mapping[str, object]) -> list[tuple[int, V
 class _Log:
     """Messages of one instance. FMUs find it by a number, which travels as their component environment."""
 
-    _numbers = itertools.count(1)
-    _open: dict[int, _Log] = {}
+    _numbers: ClassVar = itertools.count(1)
+    _open: ClassVar[dict[int, _Log]] = {}
 
     def __init__(self, instance: str) -> None:
         self.instance = instance
@@ -423,13 +422,13 @@ class _Slave:
             )
         except Exception as error:
             # FMPy raises bare exceptions for a library that does not load or lacks a function.
-            raise CallError(self.name, "loading its library", 0.0, "Error", str(error)) from None
+            raise CallError(self.name, "loading its library", time=0.0, status="Error", message=str(error)) from None
         try:
             self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
         except Exception:
             self._slave.freeLibrary()
             self._slave = None
-            raise CallError(self.name, "fmi2Instantiate", 0.0, "Error", self.log.last) from None
+            raise CallError(self.name, "fmi2Instantiate", time=0.0, status="Error", message=self.log.last) from None
         if not self._debug:
             categories = [c for c in self.fmu.log_categories if c.startswith("logStatus")]
             if categories:
@@ -455,7 +454,7 @@ class _Slave:
         self.fatal = self.fatal or status == FATAL
         name = STATUS[status] if 0 <= status < len(STATUS) else str(status)
         remedy = " Asynchronous FMUs are not supported." if name == "Pending" else ""
-        return CallError(self.name, function, self.log.clock(), name, self.log.last, remedy)
+        return CallError(self.name, function, time=self.log.clock(), status=name, message=self.log.last, remedy=remedy)
 
     def set(self, variable: Variable, value: Any) -> None:
         """Set one variable."""
@@ -498,16 +497,20 @@ def _references(variables: list[Variable]) -> Any:
     return (ctypes.c_uint * len(variables))(*(variable.reference for variable in variables))
 
 
+Row = dict[np.uint64, int]
+"""A row of the loop's program: column -> number, 0 where nothing is said."""
+
+
 @dataclass
 class _Program:
     """What the compiled loop executes for one system, in arrays."""
 
-    point: list[list[int]]
-    step: list[list[int]]
-    initial: list[list[int]]
-    """Calls at a communication point, from one to the next, and of a pass of initialization."""
-    outputs: list[list[int]]
-    """Calls that read all outputs needed."""
+    point: list[Row]
+    step: list[Row]
+    initial: list[Row]
+    """Rows for a communication point, from one to the next, and for a pass of initialization."""
+    outputs: list[Row]
+    """Rows that read all outputs needed."""
     sources: NDArray[np.uint64]
     factors: NDArray[np.float64]
     offsets: NDArray[np.float64]
@@ -515,101 +518,111 @@ class _Program:
     integers: NDArray[np.int32]
     recorded: NDArray[np.uint64]
     references: list[NDArray[np.uint32]]
-    """Held because the calls know them by address only."""
+    """Held because the rows know them by address only."""
+
+
+class _Signals:
+    """The slot of every signal that travels or is recorded, by instance, direction and type."""
+
+    def __init__(self, system: System) -> None:
+        self.slots: dict[tuple[str, str], int] = {}
+        self.inputs: dict[tuple[str, int], list[Connection]] = {}
+        self.outputs: dict[tuple[str, int], list[Variable]] = {}
+        fed = {connection.target for connection in system.connections}
+        for instance in system.instances:
+            variables = instance.fmu.variables
+            incoming = [c for c in system.connections if c.target[0] == instance.name]
+            wanted = [c.source[1] for c in system.connections if c.source[0] == instance.name]
+            wanted += [v for name, v in system.record if name == instance.name and (name, v) not in fed]
+            for kind in range(3):
+                inputs = [c for c in incoming if KINDS[variables[c.target[1]].type] == kind]
+                outputs = [variables[name] for name in dict.fromkeys(wanted) if KINDS[variables[name].type] == kind]
+                self.inputs[instance.name, kind], self.outputs[instance.name, kind] = inputs, outputs
+                for name in [*(c.target[1] for c in inputs), *(v.name for v in outputs)]:
+                    self.slots[instance.name, name] = len(self.slots)
+        self.values = np.zeros(max(len(self.slots), 1))
+        self.integers = np.zeros(self.values.size, dtype=np.int32)
+        self.references: list[NDArray[np.uint32]] = []
+
+    def call(self, slave: _Slave, call: int, variables: Sequence[Variable]) -> Row:
+        """A call of one FMI function on variables whose slots lie side by side."""
+        self.references.append(np.array([variable.reference for variable in variables], dtype=np.uint32))
+        slot = self.slots[slave.name, variables[0].name]
+        buffer = self.values if call in (loop.SET_REAL, loop.GET_REAL) else self.integers
+        return {
+            loop.COMPONENT: slave.component,
+            loop.CALL: call,
+            loop.FUNCTION: slave.address(loop.FUNCTIONS[call]),
+            loop.REFERENCES: self.references[-1].ctypes.data,
+            loop.COUNT: len(variables),
+            loop.BUFFER: buffer.ctypes.data + slot * buffer.itemsize,
+            loop.SLOT: slot,
+        }
 
 
 def _program(system: System, slaves: list[_Slave]) -> _Program:
     """Resolve names to slots, value references and addresses, once."""
-    incoming: dict[str, list[Connection]] = {instance.name: [] for instance in system.instances}
-    wanted: dict[str, dict[str, None]] = {instance.name: {} for instance in system.instances}
-    for connection in system.connections:
-        incoming[connection.target[0]].append(connection)
-        wanted[connection.source[0]][connection.source[1]] = None
+    signals = _Signals(system)
+    links: list[Connection] = []
+    sets: dict[str, list[Row]] = {}
+    gets: dict[str, list[Row]] = {}
+    step: list[Row] = []
+    for instance, slave in zip(system.instances, slaves, strict=True):
+        variables, name, multiple = instance.fmu.variables, instance.name, instance.step_multiple
+        into, out = sets.setdefault(name, []), gets.setdefault(name, [])
+        for kind in range(3):
+            connections, outputs = signals.inputs[name, kind], signals.outputs[name, kind]
+            if connections:
+                row = signals.call(slave, loop.SET_REAL + kind, [variables[c.target[1]] for c in connections])
+                joined = {loop.LINKS: len(connections), loop.LINK: len(links)}
+                if kind == 0:
+                    into.append({**row, **joined})
+                else:
+                    convert = loop.TO_INTEGER if kind == 1 else loop.TO_BOOLEAN
+                    into += [{**joined, **_conversion(row, convert)}, row]
+                links += connections
+            if outputs:
+                row = signals.call(slave, loop.GET_REAL + kind, outputs)
+                out += [row] if kind == 0 else [row, _conversion(row, loop.FROM_INTEGER)]
+        first, *others = out or [{loop.COMPONENT: slave.component, loop.CALL: loop.FROM_INTEGER}]
+        stepping = {loop.STEP: slave.address("fmi2DoStep"), loop.MULTIPLE: multiple}
+        step += _guarded([{**first, **stepping}, *others], multiple)
+
     fed = {connection.target for connection in system.connections}
-    for name, variable in system.record:
-        if (name, variable) not in fed:
-            wanted[name][variable] = None
-
-    slots: dict[tuple[str, str], int] = {}
-    groups: dict[tuple[str, int], list[Variable]] = {}
-    for instance in system.instances:
-        variables = instance.fmu.variables
-        inputs = [variables[connection.target[1]] for connection in incoming[instance.name]]
-        outputs = [variables[name] for name in wanted[instance.name]]
-        for first, chosen in ((loop.SET_REAL, inputs), (loop.GET_REAL, outputs)):
-            for kind in range(3):
-                group = [variable for variable in chosen if KINDS[variable.type] == kind]
-                if group:
-                    groups[instance.name, first + kind] = group
-                    for variable in group:
-                        slots[instance.name, variable.name] = len(slots)
-
-    values = np.zeros(max(len(slots), 1))
-    integers = np.zeros(values.size, dtype=np.int32)
-    sources: list[int] = []
-    gains: list[tuple[float, float]] = []
-    references: list[NDArray[np.uint32]] = []
-    sets: dict[str, list[list[int]]] = {}
-    gets: dict[str, list[list[int]]] = {}
-    steps: list[list[int]] = []
-    for number, (instance, slave) in enumerate(zip(system.instances, slaves, strict=True)):
-
-        def row(call: int, group: list[Variable]) -> list[int]:
-            cells = [0] * loop.PROGRAM_COLUMNS
-            cells[loop.CALL] = call
-            cells[loop.MULTIPLE] = instance.step_multiple
-            cells[loop.FUNCTION] = slave.address(loop.FUNCTIONS[call])
-            cells[loop.COMPONENT] = slave.component
-            cells[loop.INSTANCE] = number
-            if group:
-                references.append(np.array([variable.reference for variable in group], dtype=np.uint32))
-                slot = slots[instance.name, group[0].name]
-                buffer = values if call in (loop.SET_REAL, loop.GET_REAL) else integers
-                cells[loop.REFERENCES] = references[-1].ctypes.data
-                cells[loop.COUNT] = len(group)
-                cells[loop.BUFFER] = buffer.ctypes.data + slot * buffer.itemsize
-                cells[loop.SLOT] = slot
-                cells[loop.LINKS] = len(sources)
-            return cells
-
-        into = {connection.target[1]: connection for connection in incoming[instance.name]}
-        sets[instance.name], gets[instance.name] = [], []
-        for call in range(loop.SET_REAL, loop.DO_STEP):
-            group = groups.get((instance.name, call))
-            if group is None:
-                continue
-            if call in (loop.SET_REAL, loop.SET_INTEGER, loop.SET_BOOLEAN):
-                links = [into[variable.name] for variable in group]
-                sets[instance.name].append(row(call, group))
-                sets[instance.name][-1][loop.PLAIN] = all((c.factor, c.offset) == (1.0, 0.0) for c in links)
-                sources += [slots[c.source] for c in links]
-                gains += [(c.factor, c.offset) for c in links]
-            else:
-                gets[instance.name].append(row(call, group))
-        steps += [row(loop.DO_STEP, []), *gets[instance.name]]
-
-    point: list[list[int]] = []
-    initial: list[list[int]] = []
+    point: list[Row] = []
+    initial: list[Row] = []
     for name in system.visits:
-        dependencies = system.instance(name).fmu.dependencies
-        direct = any((name, i) in fed for output in wanted[name] for i in dependencies.get(output, ()))
-        point += sets[name]
-        if direct and not system.parallel:
-            point += gets[name]
+        instance = system.instance(name)
+        read = [variable.name for kind in range(3) for variable in signals.outputs[name, kind]]
+        direct = any((name, i) in fed for output in read for i in instance.fmu.dependencies.get(output, ()))
+        rows = [*sets[name], *gets[name]] if direct and not system.parallel else sets[name]
+        point += _guarded(rows, instance.step_multiple)
         initial += [*sets[name], *gets[name]]
     return _Program(
         point=point,
-        step=steps,
+        step=step,
         initial=initial,
-        outputs=[cells for rows in gets.values() for cells in rows],
-        sources=np.array(sources, dtype=np.uint64),
-        factors=np.array([factor for factor, _ in gains], dtype=np.float64),
-        offsets=np.array([offset for _, offset in gains], dtype=np.float64),
-        values=values,
-        integers=integers,
-        recorded=np.array([slots[end] for end in system.record], dtype=np.uint64),
-        references=references,
+        outputs=[row for rows in gets.values() for row in rows],
+        sources=np.array([signals.slots[c.source] for c in links], dtype=np.uint64),
+        factors=np.array([c.factor for c in links], dtype=np.float64),
+        offsets=np.array([c.offset for c in links], dtype=np.float64),
+        values=signals.values,
+        integers=signals.integers,
+        recorded=np.array([signals.slots[end] for end in system.record], dtype=np.uint64),
+        references=signals.references,
     )
+
+
+def _conversion(row: Row, act: int) -> Row:
+    """Between doubles and integers, for the slots of the call in ``row``."""
+    return {loop.CALL: act, loop.COUNT: row[loop.COUNT], loop.SLOT: row[loop.SLOT]}
+
+
+def _guarded(rows: list[Row], multiple: int) -> list[Row]:
+    """Rows that hold only at every ``multiple``-th communication point."""
+    if multiple == 1 or not rows:
+        return rows
+    return [{loop.CALL: loop.GUARD, loop.MULTIPLE: multiple, loop.COUNT: len(rows)}, *rows]
 
 
 class _Run:
@@ -721,28 +734,29 @@ class _Run:
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
 
-    def once(self, calls: list[list[int]]) -> None:
-        """Make some calls at the start of the run, recording nothing."""
-        nothing = np.zeros(0, dtype=np.uint64)
-        self.loop(_array(calls), len(calls), nothing, np.zeros((0, 0)), 0, 0, 1)
+    def once(self, rows: list[Row]) -> None:
+        """Do some rows at the start of the run, recording nothing."""
+        unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
+        self.loop(_array(rows), len(rows), unrecorded, end=0, last=0)
         self.state[loop.ROWS] = 0
 
     def loop(
         self,
         program: NDArray[np.uint64],
         split: int,
-        recorded: NDArray[np.uint64],
-        rows: NDArray[np.float64],
+        record: tuple[NDArray[np.uint64], NDArray[np.float64], int],
+        *,
         end: int,
         last: int,
-        decimation: int,
     ) -> None:
-        """Let the compiled loop go on to ``end``; raises CallError."""
+        """Let the compiled loop go on to ``end``; ``record`` is slots, rows and decimation. Raises CallError."""
         p = self.program
-        ready = p.sources, p.factors, p.offsets, p.values, p.integers, recorded, rows, self.clock, self.state
-        if not loop.advance(program, split, *ready, end, last, decimation):
-            slave = self.slaves[int(self.state[loop.FAILED_INSTANCE])]
-            function = loop.FUNCTIONS[int(self.state[loop.FAILED_CALL])]
+        signals = p.sources, p.factors, p.offsets, p.values, p.integers
+        slots, rows, decimation = record
+        if not loop.advance(program, split, *signals, slots, rows, self.clock, self.state, end, last, decimation):
+            failed = int(self.state[loop.FAILED_COMPONENT])
+            slave = next(slave for slave in self.slaves if slave.component == failed)
+            function = loop.FUNCTIONS[int(self.state[loop.FAILED_FUNCTION])]
             raise slave.failed(function, int(self.state[loop.FAILED_STATUS]))
 
     def step(self, progress: Progress | None, interrupted: Callable[[], bool], pause: int | None = None) -> bool:
@@ -752,11 +766,12 @@ class _Run:
         last = stop if pause is None else stop + 1
         program = _array(self.program.point + self.program.step)
         split = len(self.program.point)
+        record = self.program.recorded, self.rows, self.system.decimation
         while True:
             end = min(int(self.state[loop.POINT]) + chunk, stop)
             begun = clock_time.perf_counter()
             try:
-                self.loop(program, split, self.program.recorded, self.rows, end, last, self.system.decimation)
+                self.loop(program, split, record, end=end, last=last)
             finally:
                 spent = clock_time.perf_counter() - begun
                 self.stepping_seconds += spent
@@ -809,8 +824,12 @@ class _Run:
         )
 
 
-def _array(calls: list[list[int]]) -> NDArray[np.uint64]:
-    return np.array(calls, dtype=np.uint64).reshape(-1)
+def _array(rows: list[Row]) -> NDArray[np.uint64]:
+    program = np.zeros((len(rows), loop.PROGRAM_COLUMNS), dtype=np.uint64)
+    for number, row in enumerate(rows):
+        for column, value in row.items():
+            program[number, column] = value
+    return program.reshape(-1)
 
 
 def _column(name: str, variable: Variable) -> Column:

@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DescriptionError, suggest
-
-if TYPE_CHECKING:
-    import pandas
 
 FORMATS = (".csv", ".parquet")
 
@@ -93,10 +91,9 @@ class Result:
         column = self.column(name)
         return column.display_factor * self[name] + column.display_offset
 
-    def to_dataframe(self) -> pandas.DataFrame:
+    def to_dataframe(self) -> Any:
         """A pandas DataFrame over time; ``attrs`` holds the units and the metadata."""
-        import pandas
-
+        pandas = import_module("pandas")
         frame = pandas.DataFrame(self.rows, index=pandas.Index(self.time, name="time"), columns=list(self.names))
         frame.attrs["units"] = {column.name: column.unit for column in self.columns}
         frame.attrs["metadata"] = dict(self.metadata)
@@ -108,9 +105,7 @@ class Result:
         """
         path = Path(path)
         check_output(path)
-        import pyarrow
-
-        arrow: Any = pyarrow
+        arrow: Any = import_module("pyarrow")
         names: Sequence[Column] = (Column("time", "s", "Time", "s"), *self.columns)
         fields = [
             arrow.field(
@@ -125,15 +120,9 @@ class Result:
         table = arrow.Table.from_arrays([arrow.array(c) for c in columns], schema=arrow.schema(fields, metadata))
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".csv":
-            from pyarrow import csv
-
-            writer: Any = csv
-            writer.write_csv(table, path)
+            import_module("pyarrow.csv").write_csv(table, path)
         else:
-            from pyarrow import parquet
-
-            writer = parquet
-            writer.write_table(table, path)
+            import_module("pyarrow.parquet").write_table(table, path)
         return path
 
 

@@ -496,7 +496,7 @@ class _Reader:
 
     def instances(self) -> dict[str, Instance]:
         tables = self.table("instances")
-        if not tables and "instances" not in self.document:
+        if not tables:
             self.problem("instances", 'none given. Write [instances.NAME] with fmu = "...".')
         result: dict[str, Instance] = {}
         used: dict[Path, str] = {}
