@@ -1,4 +1,4 @@
-"""Build the FMUs: ``python build_fmus.py [NAME ...] [--flavour native] [--platform host|all] [--output DIR]``."""
+"""Build the FMUs: ``python build_fmus.py [NAME ...] [--flavour native|python|both] [--platform host|all]``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cosim.errors import CosimError
-from cosim.export.package import TARGETS, Workspace, host_platform
+from cosim.export.embed import BINARIES
+from cosim.export.package import TARGETS, Flavour, Workspace, host_platform
 
 ROOT = Path(__file__).resolve().parent
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
@@ -20,44 +21,69 @@ WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Build the FMUs of fmus/.", epilog="Example: build_fmus.py Trajectory")
     parser.add_argument("names", nargs="*", metavar="NAME", help="components, e.g. BallscrewStage (default: all)")
+    parser.add_argument(
+        "--flavour", choices=["native", "python", "both"], default="native", help="compiled, or Python with PythonFMU"
+    )
     parser.add_argument("--platform", choices=["host", "all", *TARGETS], default="host", help="default: host")
-    parser.add_argument("--output", type=Path, default=ROOT / "build" / "fmus" / "native", metavar="DIR")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="default: build/fmus/native or build/fmus/python; with --flavour both, DIR/native and DIR/python",
+    )
     return parser.parse_args()
 
 
-def main() -> int:
-    """Build what changed, show a table; exit code 2 for a wrong name, 1 if a component cannot be built."""
-    arguments, console = _arguments(), Console()
-    try:
-        names = WORKSPACE.select(arguments.names)
-        platforms = {"host": (host_platform(),), "all": tuple(TARGETS)}.get(arguments.platform, (arguments.platform,))
-    except CosimError as error:
-        console.print(str(error), style="red", markup=False)
-        return 2
-    stale = WORKSPACE.stale(names, arguments.output, platforms)
+def _platforms(choice: str, flavour: Flavour) -> tuple[str, ...]:
+    if choice == "all":
+        return tuple(TARGETS if flavour == "native" else BINARIES)
+    return (host_platform() if choice == "host" else choice,)
+
+
+def _build(names: list[str], output: Path, platforms: tuple[str, ...], flavour: Flavour, console: Console) -> int:
+    """Build what changed of one flavour, show a table; the number of components that could not be built."""
+    stale = WORKSPACE.stale(names, output, platforms, flavour)
     seconds: dict[str, float] = {}
     problems: dict[str, str] = {}
     if stale:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         with Progress(*columns, console=console) as progress:
-            task = progress.add_task("Building FMUs", total=len(stale))
-            for name, spent, error in WORKSPACE.build(stale, arguments.output, platforms):
+            task = progress.add_task(f"Building {flavour} FMUs", total=len(stale))
+            for name, spent, error in WORKSPACE.build(stale, output, platforms, flavour):
                 seconds[name] = spent
                 if error:
                     problems[name] = str(error)
                 progress.advance(task)
-    table = Table(title=f"FMUs in {arguments.output} for {', '.join(platforms)}")
+    table = Table(title=f"{flavour.capitalize()} FMUs in {output} for {', '.join(platforms)}")
     for head in ("FMU", "size / kB", "time / s", "state"):
         table.add_column(head, justify="left" if head in ("FMU", "state") else "right")
     for name in names:
         state = "failed" if name in problems else "built" if name in seconds else "unchanged"
-        target = arguments.output / f"{name}.fmu"
+        target = output / f"{name}.fmu"
         size = f"{target.stat().st_size / 1024:.0f}" if target.exists() else ""
         table.add_row(name, size, f"{seconds[name]:.1f}" if name in seconds else "", state)
     console.print(table)
     for text in problems.values():
         console.print(text, style="red", markup=False)
-    return 1 if problems else 0
+    return len(problems)
+
+
+def main() -> int:
+    """Build the flavours asked for; exit code 2 for a wrong name, 1 if a component cannot be built."""
+    arguments, console = _arguments(), Console()
+    flavours: tuple[Flavour, ...] = ("native", "python") if arguments.flavour == "both" else (arguments.flavour,)
+    try:
+        names = WORKSPACE.select(arguments.names)
+        platforms = {flavour: _platforms(arguments.platform, flavour) for flavour in flavours}
+    except CosimError as error:
+        console.print(str(error), style="red", markup=False)
+        return 2
+    base = arguments.output or ROOT / "build" / "fmus"
+    plain = arguments.output is not None and len(flavours) == 1
+    failed = 0
+    for flavour in flavours:
+        failed += _build(names, base if plain else base / flavour, platforms[flavour], flavour, console)
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

@@ -6,18 +6,29 @@ from pathlib import Path
 
 import pytest
 
-from cosim.export.package import Workspace, host_platform
+from cosim.export.package import Flavour, Workspace, host_platform
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
 
 
+def built(flavour: Flavour) -> Path:
+    """The folder of the FMUs of a flavour, every one current."""
+    folder = ROOT / "build" / "fmus" / flavour
+    platforms = (host_platform(),)
+    stale = WORKSPACE.stale(WORKSPACE.components(), folder, platforms, flavour)
+    problems = [f"{name}: {error}" for name, _, error in WORKSPACE.build(stale, folder, platforms, flavour) if error]
+    assert not problems, "\n".join(problems)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def native() -> Path:
     """The folder of the native FMUs, every one current."""
-    folder = ROOT / "build" / "fmus" / "native"
-    platforms = (host_platform(),)
-    stale = WORKSPACE.stale(WORKSPACE.components(), folder, platforms)
-    problems = [f"{name}: {error}" for name, _, error in WORKSPACE.build(stale, folder, platforms) if error]
-    assert not problems, "\n".join(problems)
-    return folder
+    return built("native")
+
+
+@pytest.fixture(scope="session")
+def python() -> Path:
+    """The folder of the Python FMUs, every one current."""
+    return built("python")

@@ -268,12 +268,12 @@ td.n{{text-align:right}}</style></head><body>
 <pre>{doc}</pre>
 {tables}
 <p>{name} {version}, motion-cosim. MIT licence: <a href="licenses/license.txt">licenses/license.txt</a>.
-The C sources are in <code>sources/</code>.</p>
+{inside}</p>
 </body></html>
 """
 
 
-def documentation(trace: Trace, version: str) -> bytes:
+def documentation(trace: Trace, version: str, *, native: bool = True) -> bytes:
     """documentation/index.html: the docstring and a table of every variable with unit, start value and bounds."""
     titles = {
         "parameter": "Parameters",
@@ -291,7 +291,16 @@ def documentation(trace: Trace, version: str) -> bytes:
             tables += f"<h2>{title}</h2>\n<table><tr>{heads}</tr>\n{rows}</table>\n"
     name = trace.kind.__name__
     doc = html.escape(inspect.getdoc(trace.kind) or "")
-    return _PAGE.format(name=name, doc=doc, tables=tables, version=version).encode()
+    if native:
+        inside = "The C sources are in <code>sources/</code>."
+    else:
+        place = trace.kind.__module__.replace(".", "/")
+        inside = (
+            f"The equations are in <code>resources/motion_cosim/{place}.py</code>. Runs with PythonFMU "
+            '(<a href="licenses/pythonfmu.txt">licence</a>) in an importer that is a Python 3.11 or later'
+            f"{' with numpy and scipy' if issubclass(trace.kind, Plant) else ''}."
+        )
+    return _PAGE.format(name=name, doc=doc, tables=tables, version=version, inside=inside).encode()
 
 
 def _row(variable: Variable) -> str:

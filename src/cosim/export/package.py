@@ -19,13 +19,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from ..errors import CosimError, DescriptionError, suggest
 from ..model import Component
+from .embed import BINARIES, PROXY, library, resources
 
+Flavour = Literal["native", "python"]
 NATIVE = Path(__file__).with_name("native")
 RUNTIME = ("fmi2.h", "integrator.c", "integrator.h", "runtime.c")
 SOURCES = ("model.c",)
+LIBRARIES = {"model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (
     "-std=c99",
     "-O2",
@@ -107,7 +111,7 @@ class Workspace:
             raise DescriptionError([f"no component '{name}'.{suggest(name, known)}" for name in unknown])
         return list(names or known)
 
-    def key(self, name: str, platforms: Iterable[str]) -> str:
+    def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
         """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
         package = Path(__file__).parents[1]
         files = [
@@ -116,44 +120,48 @@ class Workspace:
             *(package / f"{module}.py" for module in ("model", "units", "errors")),
             *sorted(Path(__file__).parent.glob("*.py")),
             *sorted(NATIVE.glob("*.[ch]")),
+            *((PROXY,) if flavour == "python" else ()),
         ]
         digest = hashlib.sha256()
         for path in files:
             digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-        for package_name in ("casadi", "ziglang", "motion-cosim"):
+        for package_name in ("casadi", "ziglang", "motion-cosim", *(("pythonfmu",) if flavour == "python" else ())):
             digest.update(importlib.metadata.version(package_name).encode() + b"\0")
-        digest.update(" ".join(sorted(platforms)).encode())
+        digest.update(" ".join((flavour, *sorted(platforms))).encode())
         return digest.hexdigest()
 
-    def stale(self, names: Iterable[str], output: Path, platforms: Sequence[str]) -> list[str]:
+    def stale(
+        self, names: Iterable[str], output: Path, platforms: Sequence[str], flavour: Flavour = "native"
+    ) -> list[str]:
         """Those of the components whose FMU in ``output`` is missing or not what would be built now."""
-        return [name for name in names if not self.is_current(name, platforms, output / f"{name}.fmu")]
+        return [name for name in names if not self.is_current(name, platforms, output / f"{name}.fmu", flavour)]
 
     def build(
-        self, names: Sequence[str], output: Path, platforms: Sequence[str]
+        self, names: Sequence[str], output: Path, platforms: Sequence[str], flavour: Flavour = "native"
     ) -> Iterator[tuple[str, float, CosimError | None]]:
         """Build FMUs in parallel; yields name, seconds and what went wrong as each is done."""
         with ProcessPoolExecutor() as pool:
-            running = {pool.submit(_timed_build, self, name, output, tuple(platforms)): name for name in names}
+            running = {pool.submit(_timed_build, self, name, output, tuple(platforms), flavour): name for name in names}
             for future in as_completed(running):
                 try:
                     yield running[future], future.result(), None
                 except CosimError as error:
                     yield running[future], 0.0, error
 
-    def is_current(self, name: str, platforms: Sequence[str], target: Path) -> bool:
+    def is_current(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> bool:
         """Whether ``target`` is the FMU that would be built now."""
         stamp = self._stamp(target)
         if not (target.is_file() and stamp.is_file()):
             return False
         known = json.loads(stamp.read_text())
-        return known == {"key": self.key(name, platforms), "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
+        key = self.key(name, platforms, flavour)
+        return known == {"key": key, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
 
-    def remember(self, name: str, platforms: Sequence[str], target: Path) -> None:
+    def remember(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> None:
         """Note that ``target`` has just been built."""
         stamp = self._stamp(target)
         stamp.parent.mkdir(parents=True, exist_ok=True)
-        entry = {"key": self.key(name, platforms), "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
+        entry = {"key": self.key(name, platforms, flavour), "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
         stamp.write_text(json.dumps(entry))
 
     def _stamp(self, target: Path) -> Path:
@@ -161,12 +169,16 @@ class Workspace:
         return self.cache / "fmus" / f"{target.stem}-{place}.json"
 
 
-def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple[str, ...]) -> float:
+def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple[str, ...], flavour: Flavour) -> float:
     start = time.perf_counter()
     if str(workspace.root) not in sys.path:
         sys.path.insert(0, str(workspace.root))
-    target = build(workspace.component(name), output, workspace.cache, platforms)
-    workspace.remember(name, platforms, target)
+    kind = workspace.component(name)
+    if flavour == "native":
+        target = build(kind, output, workspace.cache, platforms)
+    else:
+        target = build_python(kind, output, workspace.cache, platforms, workspace.root)
+    workspace.remember(name, platforms, target, flavour)
     return time.perf_counter() - start
 
 
@@ -201,6 +213,51 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     return target
 
 
+def build_python(
+    kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = (), root: Path | None = None
+) -> Path:
+    """Export ``kind`` as an FMI 2.0 co-simulation FMU that runs its Python methods; returns ``output/NAME.fmu``.
+
+    ``platforms`` are keys of ``embed.BINARIES``, by default this machine's; ``root`` holds the component's package
+    ``fmus``. Raises TraceError, as dependencies come from the trace, EmbedError and BuildError.
+    """
+    from .description import documentation, model_description
+    from .trace import trace
+
+    version = importlib.metadata.version("motion-cosim")
+    traced = trace(kind)
+    blank = model_description(traced, "", version, sources=(), native=False)
+    embedded = resources(kind, root or Path(__file__).parents[3])
+    proxy = {name: path.read_bytes() for name, path in (("proxy.c", PROXY), ("fmi2.h", NATIVE / "fmi2.h"))}
+    chosen = platforms or (host_platform(),)
+    libraries = {name: library(name) for name in chosen}
+    parts = (blank, *(path.encode() + b"\0" + embedded[path] for path in sorted(embedded)), *proxy.values())
+    guid = _guid(*parts)
+    files = {
+        "modelDescription.xml": model_description(traced, guid, version, sources=(), native=False),
+        "documentation/index.html": documentation(traced, version, native=False),
+        "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
+        "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
+        "resources/guid.txt": guid.encode(),
+        **{f"resources/{path}": content for path, content in embedded.items()},
+    }
+    for name in chosen:
+        ending = TARGETS[name][1]
+        files[f"binaries/{name}/{kind.__name__}{ending}"] = compile_binary(proxy, name, cache, ("proxy.c",))
+        files[f"binaries/{name}/{BINARIES[name]}"] = libraries[name]
+    target = output / f"{kind.__name__}.fmu"
+    write_zip(target, files)
+    return target
+
+
+def _licence(distribution: str) -> bytes:
+    """The licence text of an installed package."""
+    for path in importlib.metadata.files(distribution) or ():
+        if path.name.upper().startswith("LICEN"):
+            return Path(str(path.locate())).read_bytes()
+    raise BuildError(f"{distribution} is installed without its licence. Install it again.")
+
+
 def _guid(*parts: bytes) -> str:
     digest = hashlib.sha256()
     for part in parts:
@@ -221,14 +278,17 @@ def write_zip(target: Path, files: Mapping[str, bytes]) -> None:
     partial.replace(target)
 
 
-def compile_binary(sources: Mapping[str, bytes], name: str, cache: Path) -> bytes:
-    """The shared library of ``sources`` for platform ``name``, from the cache where nothing changed."""
+def compile_binary(sources: Mapping[str, bytes], name: str, cache: Path, compiled: Sequence[str] = SOURCES) -> bytes:
+    """The shared library of ``sources`` for platform ``name``, from the cache where nothing changed.
+
+    ``compiled`` names those of the sources that the compiler is given, the others are included by them.
+    """
     targets, ending = TARGETS[name]
-    slices = [_compile(sources, target, ending, cache) for target in targets]
+    slices = [_compile(sources, compiled, target, ending, cache) for target in targets]
     return slices[0] if len(slices) == 1 else _universal(slices)
 
 
-def _compile(sources: Mapping[str, bytes], target: str, ending: str, cache: Path) -> bytes:
+def _compile(sources: Mapping[str, bytes], compiled: Sequence[str], target: str, ending: str, cache: Path) -> bytes:
     digest = hashlib.sha256(repr((FLAGS, target, importlib.metadata.version("ziglang"))).encode())
     for name in sorted(sources):
         digest.update(name.encode() + b"\0" + sources[name])
@@ -241,9 +301,9 @@ def _compile(sources: Mapping[str, bytes], target: str, ending: str, cache: Path
         for name, content in sources.items():
             (Path(folder) / name).write_bytes(content)
         # relative names and a fixed output name: no path gets into the binary
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *FLAGS, *SOURCES, "-o", f"model{ending}"]
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *FLAGS, *compiled, "-o", f"model{ending}"]
         if not target.startswith("x86_64-windows"):
-            command.append("-lm")
+            command += [LIBRARIES[name] for name in compiled]
         environment["ZIG_LOCAL_CACHE_DIR"] = str(Path(folder) / "local")
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         if done.returncode:
