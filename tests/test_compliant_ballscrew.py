@@ -101,6 +101,43 @@ def test_motor_friction_saturates_at_its_level():
         assert y.friction_torque == pytest.approx(expected, rel=1e-12)
 
 
+def test_feed_drive_of_two_masses_is_a_choice_of_parameters():
+    """Linear coordinates, force on the motor's mass: Feng et al. 2015, X axis as it stands in the specification."""
+    r, M_1, M_2, k, c, F_cm, B_1 = 0.01 / (2.0 * math.pi), 320.0, 60.0, 8e7, 8e3, 30.0, 50.0
+    plant = CompliantBallscrew(
+        K_m=r,
+        command_max=0.0,
+        J=M_1 * r**2,
+        m=M_2,
+        l_p=r,
+        K_n=k,
+        C_n=c,
+        F_C=0.0,
+        F_S=0.0,
+        sigma_2=B_1 * r**2,
+        motor_friction=True,
+        T_cm=F_cm * r,
+        omega_cm=0.2e-3 / r,
+        guide_friction=True,
+        guide_F_C=90.0,
+        guide_F_S=115.0,
+        guide_v_s=2e-3,
+        guide_sigma_0=1.8e7,
+        guide_sigma_1=2.5e4,
+        guide_sigma_2=400.0,
+    )
+    u, d, v_1, v_2, z = 250.0, 1.5e-6, 0.3e-3, -1.1e-3, -2e-6
+    x = State(deflection=d, velocity=v_2, speed=v_1 / r, guide_bristle=z)
+    rate = plant.derivative(0.0, x, Input(command=u))
+    coupling = k * d + c * (v_1 - v_2)
+    z_rate = v_2 - 1.8e7 * abs(v_2) * z / (90.0 + 25.0 * math.exp(-((v_2 / 2e-3) ** 2)))
+    friction = 1.8e7 * z + 2.5e4 * z_rate + 400.0 * v_2
+    motor = u - coupling - F_cm * math.tanh(v_1 / 0.2e-3) - B_1 * v_1
+    assert r * rate.speed == pytest.approx(motor / M_1, rel=1e-12)
+    assert rate.velocity == pytest.approx((coupling - friction) / M_2, rel=1e-12)
+    assert rate.guide_bristle == pytest.approx(z_rate, rel=1e-12)
+
+
 def test_without_friction_only_the_motor_changes_the_momentum():
     plant = CompliantBallscrew(F_C=0.0, F_S=0.0, sigma_2=0.0, backlash=True)
     x = State(velocity=0.01, deflection=2e-5, speed=40.0)

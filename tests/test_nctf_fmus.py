@@ -42,7 +42,8 @@ VERDICTS: dict[str, dict[str, Status]] = {
         "M11": "reproduced",
         "M12": "reproduced",
         "M13": "reproduced",
-        "M14": "not checkable",
+        "M14b": "not reproduced",
+        "M15": "not checkable",
         "N11d": "order only",
     },
     "purtojo2015": {
