@@ -115,12 +115,12 @@ class CompliantBallscrew(Plant):
     experiment: ClassVar[Experiment] = Experiment(stop_time=1.0, step_size=2e-4)
 
     class State(Record):
-        position: float = variable(0.0, "m", "Position of the table", nominal=1e-2, display_unit="mm")
-        velocity: float = variable(0.0, "m/s", "Velocity of the table", nominal=1e-2, display_unit="mm/s")
-        deflection: float = variable(0.0, "m", "Travel of the screw less that of the table", nominal=1e-5)
-        speed: float = variable(0.0, "rad/s", "Speed of the screw", nominal=10.0)
-        bristle: float = variable(0.0, "rad", "Bristle deflection at the screw", nominal=1e-3)
-        guide_bristle: float = variable(0.0, "m", "Bristle deflection at the guide", nominal=1e-5)
+        position: float = variable(0.0, "m", "Position of the table", nominal=1e-3, display_unit="mm")
+        velocity: float = variable(0.0, "m/s", "Velocity of the table", nominal=1e-3, display_unit="mm/s")
+        deflection: float = variable(0.0, "m", "Travel of the screw less that of the table", nominal=1e-6)
+        speed: float = variable(0.0, "rad/s", "Speed of the screw", nominal=1.0)
+        bristle: float = variable(0.0, "rad", "Bristle deflection at the screw", nominal=1e-4)
+        guide_bristle: float = variable(0.0, "m", "Bristle deflection at the guide", nominal=1e-6)
 
     class Input(Record):
         command: float = variable(0.0, "A", "Current command")
