@@ -13,8 +13,6 @@ problem the solution is ``x + sum solution[k] w^k (h f)``; what is not linear en
 
 Together these are all conditions of order 5 for a method with exact Jacobian. Numbers the conditions leave free are
 chosen for |R(z) - e^z| < 0.004 on the negative axis (``solution[2]``) and for small deviations from the phi functions.
-
-Run as a script to print the tables of integrator.c.
 """
 
 from __future__ import annotations
@@ -94,9 +92,10 @@ def coefficients() -> dict[str, list[Fraction]]:
     total = Fraction(1, 30) / sum(at_end) / (NODE**2 / 2)
     rows = [[Fraction(1)] * END, unit(0, END)] + [unit(i, END) for i in FREE_END]
     end = solve(rows, [total, GAMMA / NODE**2, *FREE_END.values()])
-    return {"solution": solution, "node": node, "at_node": at_node, "at_end": at_end, "end": end}
-
-
-if __name__ == "__main__":
-    for name, values in coefficients().items():
-        print(name, "{" + ", ".join(repr(float(value)) for value in values) + "}")
+    return {
+        "to_node": node,
+        "to_end": solution,
+        "node_in_stage": end,
+        "from_node": at_node,
+        "from_end": at_end,
+    }

@@ -73,6 +73,16 @@ static void multiply(double m[N_CONTINUOUS][N_CONTINUOUS], const double *v, doub
     }
 }
 
+/* Index of the first value that is not finite, else -1. */
+static int first_not_finite(const double *values, int count) {
+    for (int i = 0; i < count; i++) {
+        if (!isfinite(values[i])) {
+            return i;
+        }
+    }
+    return -1;
+}
+
 /* One attempt of size h from (t, x) with derivative f, Jacobian and time derivative there: the solution to y.
    Returns the error in units of the tolerance (accept up to 1), NAN if anything is not finite. */
 static double attempt(const Problem *problem, Integrator *integrator, double t, double h, const double *x,
@@ -138,6 +148,11 @@ static double attempt(const Problem *problem, Integrator *integrator, double t, 
         at_node[0][i] = (shifted - v) * (1.0 / gamma);
     }
     problem->derivative(t + node * h, y, problem->u, problem->p, problem->c, rate);
+    integrator->derivatives++;
+    integrator->failing = first_not_finite(rate, N_CONTINUOUS);
+    if (integrator->failing >= 0) {
+        return NAN;
+    }
     for (int i = 0; i < N_CONTINUOUS; i++) {
         at_node[0][i] += h * rate[i];
     }
@@ -162,7 +177,11 @@ static double attempt(const Problem *problem, Integrator *integrator, double t, 
         at_end[0][i] = (shifted - v) * (1.0 / gamma);
     }
     problem->derivative(t + h, y, problem->u, problem->p, problem->c, rate);
-    integrator->derivatives += 2;
+    integrator->derivatives++;
+    integrator->failing = first_not_finite(rate, N_CONTINUOUS);
+    if (integrator->failing >= 0) {
+        return NAN;
+    }
     for (int i = 0; i < N_CONTINUOUS; i++) {
         at_end[0][i] += h * rate[i];
     }
@@ -192,16 +211,6 @@ static double attempt(const Problem *problem, Integrator *integrator, double t, 
         }
     }
     return largest;
-}
-
-/* Index of the first value that is not finite, else -1. */
-static int first_not_finite(const double *values, int count) {
-    for (int i = 0; i < count; i++) {
-        if (!isfinite(values[i])) {
-            return i;
-        }
-    }
-    return -1;
 }
 
 static int integrate(const Problem *problem, Integrator *integrator, double t, double t_end, double *x) {
