@@ -275,3 +275,9 @@ def test_fmus_hold_no_path_of_the_machine(native: Path) -> None:
         with zipfile.ZipFile(native / f"{name}.fmu") as archive:
             for member in archive.namelist():
                 assert str(ROOT).encode() not in archive.read(member), (name, member)
+
+
+def test_array_is_of_reals_whatever_its_numbers(native: Path) -> None:
+    """A whole number among the start values of an array makes no Integer of that element."""
+    variables = fmpy.read_model_description(native / "NctfPi.fmu").modelVariables
+    assert {v.type for v in variables if v.name.startswith("nct.")} == {"Real"}

@@ -95,6 +95,18 @@ def _parser() -> argparse.ArgumentParser:
     _system_arguments(check)
     check.set_defaults(command=_check)
 
+    export = commands.add_parser(
+        "export",
+        help="write a system as SSP for other tools, or as TOML",
+        description="Write a system with its FMUs as an SSP 1.0 package, which other tools run too, or as a TOML file.",
+        epilog="Example: cosim export studies/shams2010/fsmc_5sin.toml -o fsmc_5sin.ssp",
+    )
+    _system_arguments(export)
+    export.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="SYSTEM.ssp, or SYSTEM.toml with SYSTEM_fmus/"
+    )
+    export.set_defaults(command=_export)
+
     info = commands.add_parser(
         "info",
         help="show the variables of an FMU",
@@ -213,7 +225,7 @@ def _system_path(text: str) -> Path:
     shipped = shipped_systems()
     if text in shipped:
         return shipped[text]
-    if text.endswith(".toml"):
+    if text.endswith((".toml", ".ssp", ".ssd")):
         return Path(text)
     raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped)}")
 
@@ -244,6 +256,19 @@ def _check(options: argparse.Namespace) -> int:
     for note in system.notes:
         console.print(f"[yellow]note:[/] {escape(note)}")
     console.print("No problems.")
+    return 0
+
+
+def _export(options: argparse.Namespace) -> int:
+    from .ssp import write_ssp, write_toml
+
+    writers = {".ssp": write_ssp, ".toml": write_toml}
+    suffix = options.output.suffix.lower()
+    if suffix not in writers:
+        raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")
+    system = _system(options)
+    path = writers[suffix](system, options.output)
+    _console().print(f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections.")
     return 0
 
 

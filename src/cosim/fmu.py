@@ -127,7 +127,7 @@ class Fmu:
             raise DescriptionError(f"{self.path} changed after it was read. Read the system again.")
         binaries = str(PurePosixPath(self.library).parent) + "/"
         with zipfile.ZipFile(self.path) as archive:
-            for member in _checked_members(archive):
+            for member in checked_members(archive):
                 needed = member.filename.startswith((binaries, "resources/"))
                 if not needed or member.is_dir():
                     continue
@@ -184,7 +184,7 @@ def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
     content = path.read_bytes()
     try:
         with zipfile.ZipFile(path) as archive:
-            members = _checked_members(archive)
+            members = checked_members(archive)
             names = [member.filename for member in members]
             if "modelDescription.xml" not in names:
                 raise DescriptionError(f"{path.name}: no modelDescription.xml inside. This is not an FMU.")
@@ -205,7 +205,7 @@ def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
     return _describe(path, stamp, hashlib.sha256(content).hexdigest(), xml, names)
 
 
-def _checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+def checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     """The members of an archive, none of which can write outside its folder or fill the disk."""
     members = archive.infolist()
     source = Path(str(archive.filename)).name

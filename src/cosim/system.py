@@ -194,14 +194,15 @@ def read_system(
     record: Sequence[str] | None = None,
     decimation: int | None = None,
 ) -> System:
-    """Read and check the system file at ``path``; ``fmus`` is the folder of FMUs given by name.
+    """Read and check the system at ``path`` (.toml, .ssp, .ssd); ``fmus`` is the folder of FMUs given by name.
 
     ``overrides`` replaces start values (``{"plant.m": 70.0}``), the other arguments the experiment's.
     Raises DescriptionError with every problem found.
     """
     path = Path(path)
+    loaded, folder = _read_ssp(path) if path.suffix.lower() in (".ssp", ".ssd") else (_load(path, ()), path.parent)
     document, problems = _changed(
-        _load(path, ()),
+        loaded,
         path.name,
         overrides or {},
         stop_time=stop_time,
@@ -210,7 +211,7 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return _Reader(document, path.name, path.parent, None if fmus is None else Path(fmus), problems).system()
+    return _Reader(document, path.name, folder, None if fmus is None else Path(fmus), problems).system()
 
 
 def make_system(
@@ -226,6 +227,12 @@ def parse_value(text: str) -> object:
         return tomllib.loads(f"value = {text}", parse_float=Decimal)["value"]
     except tomllib.TOMLDecodeError:
         return text
+
+
+def _read_ssp(path: Path) -> tuple[dict[str, Any], Path]:
+    from .ssp import read_ssp  # reads XML schemas: only where one is needed
+
+    return read_ssp(path)
 
 
 def _load(path: Path, parents: tuple[Path, ...]) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def variables_of(kind: type[Component]) -> tuple[Variable, ...]:
             typed, choice = "Enumeration", type(start)
             numbers = [float(item.number) for item in choice]
             low, high = min(numbers), max(numbers)
-        elif isinstance(start, int):
+        elif isinstance(declaration.start, int):
             typed = "Integer"
         found.append(
             Variable(
