@@ -56,9 +56,9 @@ def main() -> None:
         "time / ms",
         "x real time",
         "of 8 ms",
-        "steps/sample",
-        "rejected/sample",
-        "evaluations/sample",
+        "steps",
+        "rejected",
+        "evaluations",
     ):
         table.add_column(head, justify="right")
     system = read_system(SYSTEM, fmus=FMUS)
