@@ -1,4 +1,4 @@
-"""FMU files made for tests: any modelDescription.xml, any zip members, and the scriptable probe of ``probe/probe.c``."""
+"""FMU files made for tests: any modelDescription.xml, any zip members, and the probe of ``probe/probe.c``."""
 
 from __future__ import annotations
 
@@ -140,11 +140,9 @@ def probe_library() -> Path:
         BUILD.mkdir(parents=True, exist_ok=True)
         made = library.with_suffix(".part")
         include = Path(fmpy.__file__).parent / "c-code"
-        subprocess.run(
-            [sys.executable, "-m", "ziglang", "cc", "-O2", "-g0", "-Wall", "-Wextra", "-shared", "-fPIC"]
-            + [f"-I{include}", "-o", str(made), str(PROBE_SOURCE), "-lm"],
-            check=True,
-        )
+        flags = ["-O2", "-g0", "-Wall", "-Wextra", "-shared", "-fPIC", f"-I{include}"]
+        command = [sys.executable, "-m", "ziglang", "cc", *flags, "-o", str(made), str(PROBE_SOURCE), "-lm"]
+        subprocess.run(command, check=True)
         made.replace(library)
     return library
 

@@ -255,6 +255,8 @@ def _parse(path: Path, xml: bytes) -> Any:
             return fmi.read_model_description(str(file), validate=True)
         except fmi.ValidationError as error:
             raise DescriptionError([f"{said}: {problem}" for problem in error.problems]) from None
+        except (AttributeError, KeyError, IndexError, TypeError):
+            raise DescriptionError(f"{said}: this is not an FMI 2.0 description.") from None
         except Exception as error:
             # FMPy raises bare exceptions, and lxml its own, for whatever a damaged file holds.
             text = str(error).replace(str(file), "modelDescription.xml").strip() or type(error).__name__

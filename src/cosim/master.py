@@ -30,6 +30,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import itertools
+import os
 import platform
 import signal
 import tempfile
@@ -169,7 +170,7 @@ class Simulation:
         point of the run before its end, CallError.
         """
         system = self.system if system is None else system
-        point = _point(system, time)
+        point = _point(system, time, least=0)
         run = self._ready(system)
         with _watching_for_interrupt() as interrupted:
             result = run.go(None, interrupted, end=point)
@@ -301,14 +302,14 @@ class Checkpoint:
     integers: NDArray[np.int32]
 
 
-def _point(system: System, time: float) -> int:
-    """Number of the communication point at ``time``."""
+def _point(system: System, time: float, *, least: int = 1) -> int:
+    """Number of the communication point at ``time``, ``least`` or later."""
     steps = (time - float(system.start_time)) / float(system.step_size)
     point = round(steps)
-    if abs(steps - point) > 1e-6 or not 0 < point <= system.steps:
+    if abs(steps - point) > 1e-6 or not least <= point <= system.steps:
         raise DescriptionError(
-            f"{system.name}: {time:.9g} s is no communication point after the start at {system.start_time} s "
-            f"up to {system.stop_time} s. Take a whole number of steps of {system.step_size} s."
+            f"{system.name}: {time:.9g} s is no communication point of this run from {system.start_time} s "
+            f"to {system.stop_time} s. Take a whole number of steps of {system.step_size} s."
         )
     return point
 
@@ -397,6 +398,10 @@ def _callbacks(environment: int) -> Any:
     return callbacks
 
 
+_LOADING = threading.Lock()
+"""Held while FMPy loads a library, for which it changes the working directory of the process."""
+
+
 class _Slave:
     """An instance on FMPy's FMU2Slave: its calls checked, its messages kept."""
 
@@ -411,18 +416,23 @@ class _Slave:
         self._slave: Any = None
 
     def load(self, number: int) -> None:
-        """Load the library and create the instance."""
-        try:
-            self._slave = fmi2.FMU2Slave(
-                guid=self.fmu.guid,
-                modelIdentifier=self.fmu.identifier,
-                unzipDirectory=str(self._folder),
-                instanceName=self.name,
-                libraryPath=str(self._library),
-            )
-        except Exception as error:
-            # FMPy raises bare exceptions for a library that does not load or lacks a function.
-            raise CallError(self.name, "loading its library", time=0.0, status="Error", message=str(error)) from None
+        """Load the library and create the instance. Raises SimulationError."""
+        with _LOADING:
+            place = os.getcwd()
+            try:
+                self._slave = fmi2.FMU2Slave(
+                    guid=self.fmu.guid,
+                    modelIdentifier=self.fmu.identifier,
+                    unzipDirectory=str(self._folder),
+                    instanceName=self.name,
+                    libraryPath=str(self._library),
+                )
+            except Exception as error:
+                # FMPy raises bare exceptions for a library that does not load or lacks a function.
+                text = str(error).replace(str(self._folder), self.fmu.path.name)
+                raise SimulationError(f"{self.name}: the library of {self.fmu.name} cannot be used: {text}") from None
+            finally:
+                os.chdir(place)
         try:
             self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
         except Exception:

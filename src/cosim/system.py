@@ -82,6 +82,8 @@ class Connection:
     target: tuple[str, str]
     factor: float = 1.0
     offset: float = 0.0
+    converts: bool = False
+    """Whether a factor is given, so that the units of the ends may differ."""
 
     def __str__(self) -> str:
         return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
@@ -628,7 +630,7 @@ class _Reader:
 
     def connection(self, number: int, item: object) -> Connection | None:
         where = f"connections, number {number}"
-        factor, offset = 1.0, 0.0
+        factor, offset, converts = 1.0, 0.0, False
         if isinstance(item, str):
             match = _ARROW.fullmatch(item)
             if match is None:
@@ -648,6 +650,7 @@ class _Reader:
                     self.problem(f"{where}, {key}", f"{_show(table.get(key))} is not a finite number.")
                     return None
             factor, offset = float(cast(Decimal, numbers["factor"])), float(cast(Decimal, numbers["offset"]))
+            converts = "factor" in table
         else:
             self.problem(where, "write a text 'a.y -> b.u' or a table { from = ..., to = ... }.")
             return None
@@ -657,7 +660,7 @@ class _Reader:
             return None
         a, _, b = source.partition(".")
         c, _, d = target.partition(".")
-        return Connection((a, b), (c, d), factor, offset)
+        return Connection((a, b), (c, d), factor, offset, converts)
 
     def ends(self, connection: Connection, instances: Mapping[str, Instance]) -> bool:
         where = f"connection {connection}"
@@ -701,7 +704,7 @@ class _Reader:
         transformed = connection.factor != 1.0 or connection.offset != 0.0
         if transformed and target.type != "Real":
             self.problem(where, f"factor and offset need an input of type Real, not {target.type}.")
-        if transformed or source.unit is None or target.unit is None:
+        if connection.converts or source.unit is None or target.unit is None:
             return
         one, other = instances[connection.source[0]].fmu, instances[connection.target[0]].fmu
         if _same_unit(one, source.unit, other, target.unit):
