@@ -548,7 +548,8 @@ def test_interrupt_in_the_middle_of_the_compiled_loop(fmus: Path) -> None:
         instances = {{"a": {{"fmu": "Probe", "start": {{"sleep": 1000}}}}}}
         document = {{"experiment": {{"stop_time": 10**6, "step_size": 1}}, "instances": instances}}
         try:
-            cosim.simulate(cosim.make_system(document, fmus={str(fmus)!r}), progress=lambda f: print("going", flush=True))
+            system = cosim.make_system(document, fmus={str(fmus)!r})
+            cosim.simulate(system, progress=lambda f: print("going", flush=True))
         except cosim.Interrupted as e:
             print("kept", e.result.time.size > 0, e.result.partial)
     """

@@ -1,0 +1,262 @@
+"""The command line: what it prints, writes and returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmu_files import write_probe
+
+from cosim import read_system, simulate
+from cosim.cli import main
+
+SYSTEM = """
+description = "Two probes"
+connections = ["a.y -> b.u"]
+[experiment]
+stop_time = 1.0
+step_size = 0.1
+[instances.a]
+fmu = "Probe"
+start = { y_start = 1.0, u = 0.5 }
+[instances.b]
+fmu = "Probe"
+"""
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "build" / "fmus" / "native"
+    folder.mkdir(parents=True)
+    write_probe(folder)
+    (tmp_path / "two.toml").write_text(SYSTEM, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def cosim(capsys: pytest.CaptureFixture[str]) -> Run:
+    def called(*arguments: str) -> tuple[int, str, str]:
+        try:
+            code = main(arguments)
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return called
+
+
+def table(path: Path) -> tuple[list[str], np.ndarray]:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
+    return [name.strip('"') for name in lines[0].split(",")], np.array(rows)
+
+
+def test_run_shows_a_summary_and_writes_the_record(place: Path, cosim: Run) -> None:
+    code, out, err = cosim("run", "two.toml", "--output", "out/a.csv")
+    assert code == 0
+    assert err == ""
+    for text in ("Two probes", "Simulated", "times real time", "Written: out/a.csv"):
+        assert text in out
+    names, rows = table(place / "out" / "a.csv")
+    result = simulate(read_system("two.toml"))
+    assert names == ["time", *result.names]
+    assert rows.tolist() == np.column_stack([result.time, result.rows]).tolist()
+
+
+def test_options_reach_the_run(place: Path, cosim: Run) -> None:
+    code, _, _ = cosim(
+        "run", "two.toml", "--set", "a.gain=2.0", "--set", "b.label=mine", "--stop-time", "2", "--step-size=0.05",
+        "--order", "b,a", "--record", "a.y", "--record", "b.u", "--decimation", "4", "--output", "a.csv",
+    )  # fmt: skip
+    assert code == 0
+    names, rows = table(place / "a.csv")
+    assert names == ["time", "a.y", "b.u"]
+    expected = simulate(
+        read_system("two.toml", {"a.gain": 2.0}, stop_time=2, step_size=0.05, order=["b", "a"], record=["a.y", "b.u"])
+    )
+    assert rows[:, 1].tolist() == expected["a.y"][::4].tolist()
+    assert rows[:, 2].tolist() == expected["b.u"][::4].tolist()
+    assert rows[:, 0].tolist() == [k * 0.05 for k in range(0, 41, 4)]
+
+
+def test_summary_as_json(place: Path, cosim: Run) -> None:
+    code, out, err = cosim("run", "two.toml", "--json", "--order", "parallel")
+    summary = json.loads(out)
+    assert (code, err) == (0, "")
+    assert summary["steps"] == 10
+    assert summary["solver"] == {"a": {"steps": 10.0}, "b": {"steps": 10.0}}
+    assert summary["partial"] is False
+    assert summary["system_hash"] == read_system("two.toml", order="parallel").digest
+
+
+def test_plot_is_drawn(place: Path, cosim: Run) -> None:
+    code, out, _ = cosim("run", "two.toml", "--plot", "a.png")
+    assert code == 0
+    assert "Written: a.png" in out
+    assert (place / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_fmus_from_another_folder(place: Path, cosim: Run) -> None:
+    (place / "build" / "fmus" / "native").rename(place / "others")
+    code, _, err = cosim("run", "two.toml", "--fmus", "others")
+    assert (code, err) == (0, "")
+    code, _, err = cosim("run", "two.toml", "--fmus", "nowhere")
+    assert code == 2
+    assert "no FMU 'Probe' in nowhere" in err
+
+
+def test_published_loop_ends_with_its_tracking_figures(native: Path, cosim: Run) -> None:
+    code, out, err = cosim("run", "shams2010/fsmc_5sin", "--stop-time", "0.1", "--fmus", str(native))
+    assert (code, err) == (0, "")
+    for text in ("plant: equations evaluated", "Position error, rms", "um", "Command, maximum", "N.m"):
+        assert text in out
+
+
+def test_sampling_time_between_communication_points_is_refused(native: Path, cosim: Run) -> None:
+    code, _, err = cosim("check", "shams2010/fsmc_5sin", "--fmus", str(native), "--set", "controller.T_s=1.5e-4")
+    assert code == 2
+    assert "instances.controller: T_s = 0.00015 s against a communication step of 0.0001 s" in err
+
+
+def test_all_problems_are_listed_and_nothing_runs(place: Path, cosim: Run) -> None:
+    code, out, err = cosim(
+        "run", "two.toml", "--set", "a.gan=1", "--set", "c.gain=1", "--step-size", "0.3", "--output", "a.csv"
+    )
+    assert (code, out) == (2, "")
+    assert err.splitlines() == [
+        "error: 3 problems:",
+        "error: two.toml: value for c.gain: no instance 'c'. Known: a, b.",
+        "error: two.toml: instances.a.start.gan: Probe has no variable 'gan'. Did you mean 'gain'?",
+        "error: two.toml: experiment.step_size: 0.3 s does not divide stop_time - start_time = 1.0 s into whole steps "
+        "(3.33333). Change step_size, or take stop_time = 0.9 or 1.2.",
+    ]
+    assert not (place / "a.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["run", "tow.toml"], "tow.toml: no such file. Did you mean 'two.toml'?"),
+        (["run", "shams2010/fsmc_5sn"], "Did you mean 'shams2010/fsmc_5sin'?"),
+        (["run", "two.toml", "--set", "a.gain"], "--set a.gain: write INSTANCE.VARIABLE=VALUE, such as plant.m=70."),
+        (["run", "two.toml", "--output", "a.mat"], "a.mat: the name must end in .csv or .parquet."),
+        (["run", "two.toml", "--order", "a,c"], "experiment.order: no instance 'c'. Known: a, b."),
+        (["run", "two.toml", "--stop-time", "soon"], 'experiment.stop_time: "soon" is not a finite number of seconds.'),
+        (["run", "two.toml", "--decimation", "0"], "record.decimation: 0 is not a count."),
+        (["check", "two.toml", "--record", "a.yy"], "'a.yy': Probe has no variable 'yy'"),
+        (["info", "Prob"], "Did you mean 'Probe'?"),
+        (["info", "two.toml/x.fmu"], "x.fmu"),
+        (["study", "sham2010"], "Did you mean 'shams2010'?"),
+        (["run"], "the following arguments are required: SYSTEM"),
+    ],
+)
+def test_what_is_wrong_with_the_arguments(place: Path, cosim: Run, arguments: list[str], text: str) -> None:
+    code, _, err = cosim(*arguments)
+    assert code == 2
+    assert text in err
+    assert "Traceback" not in err
+
+
+def test_failure_keeps_what_was_computed(place: Path, cosim: Run) -> None:
+    code, out, err = cosim("run", "two.toml", "--set", "b.fail_time=0.5", "--output", "a.csv")
+    assert (code, out) == (1, "")
+    lines = err.splitlines()
+    assert "error: b: fmi2DoStep at 0.5 s returned fmi2Error. The FMU said: fmi2DoStep told to fail at 0.5 s" in lines
+    assert "Computed up to 0.5 s (6 rows), kept in a.csv." in lines
+    assert table(place / "a.csv")[1][:, 0].tolist() == [k * 0.1 for k in range(6)]
+
+
+def test_failure_without_output_says_how_to_keep(place: Path, cosim: Run) -> None:
+    code, _, err = cosim("run", "two.toml", "--set", "b.fail_time=0.5")
+    assert code == 1
+    assert "Computed up to 0.5 s (6 rows); name a file with --output to keep them." in err
+
+
+def test_warnings_of_fmus_are_shown(place: Path, cosim: Run) -> None:
+    code, out, err = cosim("run", "two.toml", "--set", "b.fail_time=0.85", "--set", "b.fail_status=1")
+    assert code == 0
+    assert "0.9 s b [Warning] fmi2DoStep told to fail at 0.9 s" in err.splitlines()
+    assert "Simulated" in out
+
+
+def test_interrupt_exits_130_and_keeps_what_was_computed(place: Path) -> None:
+    options = ["--set", "a.sleep=100", "--stop-time", "100000", "--record", "a.y", "--output", "a.csv"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cosim.cli", "run", "two.toml", *options],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(place)},
+    )  # fmt: skip
+    while process.poll() is None and not list(place.glob("cosim-*/binaries/*/*")):
+        pass
+    while process.poll() is None:
+        # The library is unpacked a moment before the run begins: until then Ctrl-C ends with nothing computed.
+        try:
+            process.wait(0.5)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+            break
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "error: Interrupted. Computed up to " in err
+    assert "kept in a.csv." in err
+    assert "Traceback" not in err
+    assert table(place / "a.csv")[1].shape[0] > 1
+
+
+def test_check_says_how_it_will_run(place: Path, cosim: Run) -> None:
+    code, out, _ = cosim("check", "two.toml", "--order", "b,a")
+    assert code == 0
+    assert "a.y -> b.u" in out
+    assert "Order: b, a" in out
+    assert "10 steps of 0.1 s from 0 s to 1.0 s, 10 variables recorded, 11 rows" in out
+    assert "No problems." in out
+    text = SYSTEM.replace('"a.y -> b.u"', '"a.y -> b.u", "b.z -> a.u"')
+    (place / "loop.toml").write_text(text, encoding="utf-8")
+    code, out, _ = cosim("check", "loop.toml", "--order", "a,b")
+    assert code == 0
+    assert "note: connection b.z -> a.u: one step of delay" in " ".join(out.split())
+
+
+def test_info_shows_variables(place: Path, cosim: Run) -> None:
+    code, out, _ = cosim("info", "Probe")
+    assert code == 0
+    lines = {line.split()[0]: line.split() for line in out.splitlines() if line.strip()}
+    assert lines["time_constant"][:6] == ["time_constant", "parameter", "Real", "s", "0.1", "1e-06"]
+    assert "  z: u" in out.splitlines()
+    assert cosim("info", str(place / "build/fmus/native/Probe.fmu"))[0] == 0
+
+
+def test_info_shows_arrays_as_one_line(native: Path, cosim: Run) -> None:
+    code, out, _ = cosim("info", "NctfPi", "--fmus", str(native))
+    assert code == 0
+    assert "nct.error[1..128]" in out
+    assert "nct.error[2]" not in out
+
+
+def test_list_shows_fmus_and_systems(place: Path, cosim: Run) -> None:
+    code, out, _ = cosim("list")
+    assert code == 0
+    assert "Probe" in out
+    assert "shams2010/fsmc_5sin" in out
+    (place / "build/fmus/native/Broken.fmu").write_bytes(b"")
+    code, out, _ = cosim("list")
+    assert code == 0
+    assert "Broken.fmu: not a readable zip archive" in out
+
+
+def test_every_option_is_explained() -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "cosim.cli", "run", "--help"], capture_output=True, text=True, check=True
+    )
+    for text in ("such as plant.m=70", "such as 2.5", "such as 1e-4", "Example: cosim run"):
+        assert text in run.stdout
