@@ -88,6 +88,16 @@ def test_factors_for_negative_velocity_and_scale_act_on_the_steady_friction():
         assert plant.output(0.0, plant.initial(), Input()).friction_torque == pytest.approx(expected, rel=1e-12)
 
 
+def test_static_friction_has_its_own_factor_at_the_limit_of_standstill():
+    plant = CompliantBallscrew(F_S=0.06, F_C_negative=1.5, F_S_negative=2.0, friction_scale=0.8)
+    assert plant.screw_level(0.0, 1e-9) == pytest.approx(0.8 * 0.06)
+    assert plant.screw_level(0.0, -1e-9) == pytest.approx(0.8 * 2.0 * 0.06)
+    assert plant.screw_level(0.0, -1e3) == pytest.approx(0.8 * 1.5 * 0.046)
+    guide = CompliantBallscrew(**GUIDE, F_C_negative=1.5, F_S_negative=2.0, friction_scale=0.8)
+    assert guide.guide_level(0.0, -1e-12) == pytest.approx(0.8 * 2.0 * 18.0)
+    assert guide.guide_level(0.0, -1.0) == pytest.approx(0.8 * 1.5 * 12.0)
+
+
 def test_drift_moves_the_level_by_its_amplitude():
     plant = CompliantBallscrew(drift_amplitude=0.2, drift_frequency=0.5)
     assert plant.screw_level(0.5, 100.0) == pytest.approx(1.2 * 0.046)
