@@ -1,0 +1,112 @@
+"""The systems of the linear motor, feed drive and ranking studies are those that their scripts write."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+import tomllib
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.master import simulate
+from cosim.study import load_study
+from cosim.system import read_system
+
+STUDIES = Path(__file__).parents[1] / "studies"
+
+
+def script(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"studies_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+TUNE = script(STUDIES / "ranking" / "tune.py")
+
+
+@pytest.mark.parametrize("study", ["rubio2015", "feng2015", "ranking"])
+def test_every_run_of_the_study_can_be_read(native: Path, study: str) -> None:
+    folder = STUDIES / study
+    for run in load_study(folder).runs.values():
+        read_system(folder / run.system, run.overrides, fmus=native, stop_time=run.stop_time)
+
+
+@pytest.mark.parametrize("plant", TUNE.PLANTS)
+@pytest.mark.parametrize("controller", TUNE.CONTROLLERS)
+def test_ranked_system_follows_the_rule_of_tuning(controller: str, plant: str) -> None:
+    path = STUDIES / "ranking" / "systems" / f"{controller}_{plant}.toml"
+    text = path.read_text(encoding="utf-8")
+    match = re.search(r"omega = (\S+) rad/s", text)
+    assert match is not None
+    omega = float(match.group(1))
+    assert omega in TUNE.KNOBS
+    assert text == TUNE.text(TUNE.document(controller, TUNE.PLANTS[plant], omega), omega)
+
+
+def test_knob_is_one_step_below_the_best(native: Path) -> None:
+    assert native == TUNE.FMUS
+    plant = TUNE.PLANTS["feng"]
+    text = (STUDIES / "ranking" / "systems" / "p_pi_feng.toml").read_text(encoding="utf-8")
+    assert f"omega = {TUNE.tuned('p_pi', plant):g} rad/s" in text
+
+
+def test_every_ranked_loop_holds_its_reference(native: Path) -> None:
+    """Half a second of each: position errors below the 5 mm of the sine show signs and gains right."""
+    for path in sorted((STUDIES / "ranking" / "systems").glob("*.toml")):
+        result = simulate(read_system(path, fmus=native, stop_time=0.5))
+        error = result["plant.position"] - result["trajectory.position"]
+        assert np.max(np.abs(error)) < 1.5e-3, path.name
+
+
+def learned() -> dict[str, Any]:
+    return tomllib.loads((STUDIES / "feng2015" / "learned.toml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(("name", "axes"), [("circle", "xy"), ("out_and_back", "y")])
+def test_pulse_tables_are_the_learned_ones(native: Path, name: str, axes: str) -> None:
+    document = tomllib.loads((STUDIES / "feng2015" / f"{name}_pulse.toml").read_text(encoding="utf-8"))
+    for axis in axes:
+        start = document["instances"][f"pulse_{axis}"]["start"]
+        for column in ("acceleration", "amplitude", "duration"):
+            assert start[f"table.{column}"] == learned()[axis]["nominal"][f"table_{column}"]
+
+
+@pytest.mark.parametrize(
+    ("axis", "durations", "amplitudes"),
+    [
+        ("x", (130.6, 82.8, 49.8, 38.3), (0.38, 0.56, 0.812, 0.848)),
+        ("y", (168.3, 81.8, 56.0, 42.2), (0.38, 0.776, 1.028, 1.136)),
+    ],
+)
+def test_learned_points_are_the_published_ones(
+    axis: str, durations: tuple[float, ...], amplitudes: tuple[float, ...]
+) -> None:
+    """Another implementation of the same procedure; its tolerances are a grid step and two fine steps."""
+    found = learned()[axis]["nominal"]
+    t_c = np.array(found["t_c"])
+    assert np.all(np.abs(np.array(found["duration"]) - 1e-3 * np.array(durations)) <= t_c / 8.0)
+    at = np.interp([2e-3, 10e-3, 40e-3, 120e-3], found["acceleration"], found["amplitude"])
+    assert np.all(np.abs(at - 1e-3 * np.array(amplitudes)) <= 0.072e-3)
+    assert found["runs"] == {"peak": 4, "duration": 360, "coarse": 143, "fine": 275}
+
+
+def test_learning_gives_the_shipped_amplitude_again() -> None:
+    module = script(STUDIES / "feng2015" / "learn_tables.py")
+    learner = module.Learner(module.AXES["x"], {})
+    found = learned()["x"]["nominal"]
+    assert module.peak_time(learner, 10e-3) == pytest.approx(found["t_c"][1])
+    costs = {
+        factor: learner.cost(10e-3, (factor * 0.56e-3, found["duration"][1]), found["t_c"][1], "fine")
+        for factor in (0.5, 1.0, 1.5)
+    }
+    assert costs[1.0] == pytest.approx(found["cost"][found["acceleration"].index(10e-3)], rel=1e-4)
+    assert costs[1.0] < 0.5 * min(costs[0.5], costs[1.5])
