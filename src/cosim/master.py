@@ -472,6 +472,18 @@ class _Slave:
         content = value.encode() if kind == "String" else value
         self.call(f"fmi2Set{kind}", _references([variable]), 1, (ctype * 1)(content))
 
+    def set_all(self, values: Mapping[str, Any]) -> None:
+        """Set variables by name, those of one type in one call."""
+        groups: dict[str, list[Variable]] = {}
+        for name in values:
+            variable = self.fmu.variables[name]
+            groups.setdefault(_ctype(variable)[0], []).append(variable)
+        for kind, group in groups.items():
+            ctype = _ctype(group[0])[1]
+            given = [values[variable.name] for variable in group]
+            content = [value.encode() for value in given] if kind == "String" else given
+            self.call(f"fmi2Set{kind}", _references(group), len(group), (ctype * len(group))(*content))
+
     def get(self, variable: Variable) -> float:
         """Read one numeric variable."""
         kind, ctype = _ctype(variable)
@@ -713,8 +725,7 @@ class _Run:
     def initialize(self) -> None:
         system = self.system
         for slave, instance in zip(self.slaves, system.instances, strict=True):
-            for name, value in instance.start.items():
-                slave.set(instance.fmu.variables[name], value)
+            slave.set_all(instance.start)
         tolerance = system.tolerance
         for slave in self.slaves:
             slave.call(
