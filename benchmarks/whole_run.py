@@ -1,4 +1,4 @@
-"""Whole run of the reference loop: three FMUs under the master against a C program with the same equations and integrator.
+"""Whole run of the reference loop: three FMUs under the master against a C program without FMI.
 
 The C program includes the sources of the same FMUs, calls their traced functions and integrator directly (no FMI, no
 checks) and records the same columns. Printed: real-time factor of the master, ratio to the C program, medians of 5.

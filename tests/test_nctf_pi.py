@@ -16,9 +16,9 @@ from nctf_reference import module, reference
 from scipy.linalg import expm
 
 from cosim.errors import DescriptionError
-from cosim.model import Plant, fill
+from cosim.model import Plant, fill, interpolate
 from fmus.controllers.nctf_pi import NctfPi
-from fmus.physics.nct import REFERENCE_ERROR, REFERENCE_RATE, piecewise_linear
+from fmus.physics.nct import REFERENCE_ERROR, REFERENCE_RATE
 from fmus.plant.compliant_ballscrew import CompliantBallscrew
 from fmus.plant.nominal_stage import NominalStage
 
@@ -63,14 +63,14 @@ def test_reference_nct_starts_with_the_identified_slope():
     values=st.lists(st.floats(-1.0, 1.0), min_size=40, max_size=40),
     x=st.floats(-0.5, 1.5),
 )
-def test_piecewise_linear_is_interpolation_by_search(nodes: list[float], values: list[float], x: float):
+def test_interpolation_is_interpolation_by_search(nodes: list[float], values: list[float], x: float):
     x_nodes = sorted({round(node, 4) for node in nodes} | {0.0, 1.0})
     x_nodes.append(x_nodes[-1])  # a repeated last node stands for fewer nodes
     y_nodes = [values[i] for i in range(len(x_nodes) - 1)] + [values[len(x_nodes) - 2]]
     i = min(max(bisect_right(x_nodes, x) - 1, 0), len(x_nodes) - 3)
     part = min(max((x - x_nodes[i]) / (x_nodes[i + 1] - x_nodes[i]), 0.0), 1.0)
     expected = y_nodes[i] + part * (y_nodes[i + 1] - y_nodes[i])
-    assert piecewise_linear(x, tuple(x_nodes), tuple(y_nodes)) == pytest.approx(expected, abs=1e-9)
+    assert interpolate(x, tuple(x_nodes), tuple(y_nodes)) == pytest.approx(expected, abs=1e-9)
 
 
 inputs = st.tuples(st.floats(-0.03, 0.03), st.floats(-0.03, 0.03))

@@ -22,7 +22,7 @@ controller for continuous motion control, 2015, table 1, fig. 5, eqs. (1)-(2) (c
 
 from __future__ import annotations
 
-from cosim.model import Choice, clip, floor, maximum, minimum, sign, sqrt, where
+from cosim.model import Choice, clip, floor, interpolate, maximum, minimum, sign, sqrt, where
 
 REFERENCE_ERROR = (
     0,
@@ -292,29 +292,12 @@ REFERENCE_RATE = (
 """Rates [m/s] of the reference NCT."""
 
 
-def piecewise_linear(x: float, x_nodes: tuple[float, ...], y_nodes: tuple[float, ...]) -> float:
-    """Piecewise linear through ascending nodes, the end values held outside; at least 2 nodes.
-
-    Halves the list of candidate nodes by comparing with its middle until one interval is left: traced, that is
-    about 2 selections a node and one division, against a dozen operations a node for a sum over the intervals.
-    Equal neighbouring ``x_nodes`` are allowed (fewer nodes: repeat the last).
-    """
-    xs, ys = list(x_nodes), list(y_nodes)
-    while len(xs) > 2:
-        middle = len(xs) // 2
-        above = x >= xs[middle]
-        xs = [where(above, high, low) for low, high in zip(xs[: middle + 1], xs[-middle - 1 :], strict=True)]
-        ys = [where(above, high, low) for low, high in zip(ys[: middle + 1], ys[-middle - 1 :], strict=True)]
-    width = xs[1] - xs[0]
-    return ys[0] + (ys[1] - ys[0]) * clip(x - xs[0], 0.0, width) / where(width > 0.0, width, 1.0)
-
-
 def nct_rate(error: float, errors: tuple[float, ...], rates: tuple[float, ...]) -> float:
     """Nominal velocity at ``error`` [m] on the NCT through the nodes: odd-symmetric, held beyond the last node.
 
     ``errors`` ascend from 0. Above 0 the first rate should be 0, or the NCT jumps there.
     """
-    return sign(error) * piecewise_linear(abs(error), errors, rates)
+    return sign(error) * interpolate(abs(error), errors, rates)
 
 
 def root_nct_rate(error: float, *, alpha: float, e_1: float, A: float, h_max: float) -> float:

@@ -424,13 +424,17 @@ def round_to(value: float, resolution: float) -> float:
 
 
 def interpolate(x: float, x_nodes: tuple[float, ...], y_nodes: tuple[float, ...]) -> float:
-    """Piecewise linear through ascending nodes, the end values held outside.
+    """Piecewise linear through ascending nodes, the end values held outside; at least 2 nodes.
 
-    A sum over the intervals, so that it can be traced; equal neighbouring ``x_nodes`` add nothing.
+    Halves the list of candidate nodes by comparing with its middle until one interval is left: traced, that is
+    about 2 selections a node and one division. Equal neighbouring ``x_nodes`` are allowed (fewer nodes: repeat the
+    last).
     """
-    y = y_nodes[0]
-    for i in range(len(x_nodes) - 1):
-        width = x_nodes[i + 1] - x_nodes[i]
-        slope = (y_nodes[i + 1] - y_nodes[i]) / where(width > 0.0, width, 1.0)
-        y = y + slope * clip(x - x_nodes[i], 0.0, where(width > 0.0, width, 0.0))
-    return y
+    xs, ys = list(x_nodes), list(y_nodes)
+    while len(xs) > 2:
+        middle = len(xs) // 2
+        above = x >= xs[middle]
+        xs = [where(above, high, low) for low, high in zip(xs[: middle + 1], xs[-middle - 1 :], strict=True)]
+        ys = [where(above, high, low) for low, high in zip(ys[: middle + 1], ys[-middle - 1 :], strict=True)]
+    width = xs[1] - xs[0]
+    return ys[0] + (ys[1] - ys[0]) * clip(x - xs[0], 0.0, width) / where(width > 0.0, width, 1.0)
