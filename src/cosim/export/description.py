@@ -77,6 +77,21 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
         generationDateAndTime=GENERATION_DATE,
         variableNamingConvention="structured",
     )
+    exchange = None
+    if native and issubclass(kind, Plant):
+        root.set("numberOfEventIndicators", "0")
+        exchange = SubElement(
+            root,
+            "ModelExchange",
+            modelIdentifier=kind.__name__,
+            needsExecutionTool="false",
+            completedIntegratorStepNotNeeded="false" if len(trace.states) > trace.n_continuous else "true",
+            canBeInstantiatedOnlyOncePerProcess="false",
+            canNotUseMemoryManagementFunctions="false",
+            canGetAndSetFMUstate="true",
+            canSerializeFMUstate="true",
+            providesDirectionalDerivative="true",
+        )
     simulation = SubElement(
         root,
         "CoSimulation",
@@ -92,10 +107,11 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
         canSerializeFMUstate="true",
         providesDirectionalDerivative="true" if native else "false",
     )
-    if sources:
-        files = SubElement(simulation, "SourceFiles")
-        for name in sources:
-            SubElement(files, "File", name=name)
+    for element in (exchange, simulation) if sources else ():
+        if element is not None:
+            files = SubElement(element, "SourceFiles")
+            for name in sources:
+                SubElement(files, "File", name=name)
     _units(root, variables)
     _types(root, variables)
     categories = SubElement(root, "LogCategories")

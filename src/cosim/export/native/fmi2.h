@@ -1,4 +1,4 @@
-/* The part of the FMI 2.0 interface that a co-simulation FMU implements (types and status codes of the standard). */
+/* The part of the FMI 2.0 interface that these FMUs implement (types and status codes of the standard). */
 #ifndef FMI2_H
 #define FMI2_H
 
@@ -31,6 +31,15 @@ typedef struct {
     fmi2StepFinished stepFinished;
     fmi2ComponentEnvironment componentEnvironment;
 } fmi2CallbackFunctions;
+
+typedef struct {
+    fmi2Boolean newDiscreteStatesNeeded;
+    fmi2Boolean terminateSimulation;
+    fmi2Boolean nominalsOfContinuousStatesChanged;
+    fmi2Boolean valuesOfContinuousStatesChanged;
+    fmi2Boolean nextEventTimeDefined;
+    fmi2Real nextEventTime;
+} fmi2EventInfo;
 
 #if defined FMI2_EXPORT /* a program that includes the sources may define it */
 #elif defined _WIN32

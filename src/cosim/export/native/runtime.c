@@ -1,4 +1,4 @@
-/* FMI 2.0 co-simulation for one component, included by the generated model.c.
+/* FMI 2.0 co-simulation, and model exchange for plants, of one component; included by the generated model.c.
 
    model.c defines the sizes, the table of variables, the traced functions and their variants. A variable's value
    reference is its index in State.v, whose order is parameters, inputs, states, outputs, derivatives, solver counters.
@@ -26,9 +26,11 @@
 #define AT_LEAST_1(n) ((n) > 0 ? (n) : 1)
 #define MAX_STEPS 10000000L
 
-typedef enum { INSTANTIATED = 1, INITIALIZATION = 2, STEP_COMPLETE = 4, STEP_FAILED = 8, TERMINATED = 16, FAILED = 32 } Phase;
-#define READABLE (INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | FAILED)
-#define WRITABLE (INSTANTIATED | INITIALIZATION | STEP_COMPLETE)
+typedef enum { INSTANTIATED = 1, INITIALIZATION = 2, STEP_COMPLETE = 4, STEP_FAILED = 8, TERMINATED = 16, FAILED = 32,
+               EVENT_MODE = 64, CONTINUOUS_TIME = 128 } Phase;
+#define EXCHANGE (EVENT_MODE | CONTINUOUS_TIME)
+#define READABLE (INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | FAILED | EXCHANGE)
+#define WRITABLE (INSTANTIATED | INITIALIZATION | STEP_COMPLETE | EXCHANGE)
 #define ANY (INSTANTIATED | READABLE)
 
 typedef struct {
@@ -54,6 +56,7 @@ typedef struct {
     State s;
     char *name;
     fmi2CallbackFunctions callbacks;
+    int model_exchange;
     int logging;
     unsigned categories; /* bit of each category that is logged */
 } Instance;
@@ -88,6 +91,8 @@ static const char *phase_name(int phase) {
     case STEP_COMPLETE: return "step complete";
     case STEP_FAILED: return "step failed";
     case TERMINATED: return "terminated";
+    case EVENT_MODE: return "event mode";
+    case CONTINUOUS_TIME: return "continuous-time mode";
     default: return "error";
     }
 }
@@ -233,7 +238,7 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
             guid ? guid : "", MODEL_GUID);
         return NULL;
     }
-    if (type != fmi2CoSimulation) {
+    if (type != fmi2CoSimulation && !(KIND == PLANT && type == fmi2ModelExchange)) {
         say(&probe, fmi2Error, "fmi2Instantiate: " MODEL_NAME " is a co-simulation FMU. Instantiate it with fmi2CoSimulation.");
         return NULL;
     }
@@ -252,6 +257,7 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     instance->name = (char *)(instance + 1);
     memcpy(instance->name, name, length);
     instance->callbacks = *callbacks;
+    instance->model_exchange = type == fmi2ModelExchange;
     instance->logging = logging != 0;
     instance->categories = ~0u;
     set_start_values(&instance->s);
@@ -336,13 +342,13 @@ FMI2_EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
         return fail(instance);
     }
     touch(s);
-    s->phase = STEP_COMPLETE;
+    s->phase = instance->model_exchange ? EVENT_MODE : STEP_COMPLETE;
     return fmi2OK;
 }
 
 FMI2_EXPORT fmi2Status fmi2Terminate(fmi2Component c) {
     Instance *instance = c;
-    if (illegal(instance, STEP_COMPLETE | STEP_FAILED, "fmi2Terminate")) return fmi2Error;
+    if (illegal(instance, STEP_COMPLETE | STEP_FAILED | EXCHANGE, "fmi2Terminate")) return fmi2Error;
     instance->s.phase = TERMINATED;
     return fmi2OK;
 }
@@ -384,7 +390,7 @@ static int prepare_get(Instance *instance, const fmi2ValueReference references[]
         if (unknown(instance, references[i], type, function)) return 1;
         derivatives |= variables[references[i]].role == DERIVATIVE;
     }
-    if (instance->s.phase & (INITIALIZATION | STEP_COMPLETE | STEP_FAILED)) refresh(&instance->s, derivatives);
+    if (instance->s.phase & (INITIALIZATION | STEP_COMPLETE | STEP_FAILED | EXCHANGE)) refresh(&instance->s, derivatives);
     return 0;
 }
 
@@ -434,6 +440,10 @@ static fmi2Status refused(Instance *instance, fmi2ValueReference reference, doub
                                     : "is computed by the FMU. Set inputs and parameters only");
         return fail(instance);
     }
+    if (variable->role == TUNABLE && instance->s.phase == CONTINUOUS_TIME) {
+        say(instance, fmi2Error, "%s: %s is a tunable parameter. Set it in event mode.", function, variable->name);
+        return fail(instance);
+    }
     if (isfinite(value) && value >= variable->min && value <= variable->max) return fmi2OK;
     if (!isfinite(value))
         say(instance, fmi2Discard, "%s: %s = %g %s: must be finite. The previous value %g is kept.", function,
@@ -457,7 +467,7 @@ static fmi2Status set(Instance *instance, fmi2ValueReference reference, double v
 #if KIND == PLANT
     if (reference == PARAMETER_TOLERANCE) s->tolerance_set = 1;
 #endif
-    if (s->phase == STEP_COMPLETE) {
+    if (s->phase == STEP_COMPLETE || s->phase == EVENT_MODE) {
         const int rule = broken_rule(s);
         if (rule >= 0) {
             say(instance, fmi2Discard, "%s: %s = %g %s: %s The previous value %g is kept.", function,
@@ -553,6 +563,7 @@ FMI2_EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2V
 typedef struct {
     char guid[40];
     unsigned long long size;
+    int model_exchange;
     State s;
 } Saved;
 
@@ -568,6 +579,7 @@ FMI2_EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *saved) {
     memset(copy, 0, sizeof *copy);
     strncpy(copy->guid, MODEL_GUID, sizeof copy->guid - 1);
     copy->size = sizeof *copy;
+    copy->model_exchange = instance->model_exchange;
     memcpy(&copy->s, &instance->s, sizeof copy->s);
     *saved = copy;
     return fmi2OK;
@@ -576,6 +588,11 @@ FMI2_EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *saved) {
 FMI2_EXPORT fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate saved) {
     Instance *instance = c;
     if (illegal(instance, ANY, "fmi2SetFMUstate") || missing(instance, saved, 1, "fmi2SetFMUstate")) return fmi2Error;
+    if (((const Saved *)saved)->model_exchange != instance->model_exchange) {
+        say(instance, fmi2Error, "fmi2SetFMUstate: the state is that of an instance for %s. Use one of the same kind.",
+            instance->model_exchange ? "co-simulation" : "model exchange");
+        return fail(instance);
+    }
     memcpy(&instance->s, &((const Saved *)saved)->s, sizeof instance->s);
     return fmi2OK;
 }
@@ -680,6 +697,139 @@ FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
         result[i] = 0.0;
         for (size_t k = 0; k < N_KNOWN; k++) result[i] += partials[row * N_KNOWN + k] * direction[k];
     }
+    return fmi2OK;
+}
+
+/* ---- model exchange ---- */
+
+FMI2_EXPORT fmi2Status fmi2EnterEventMode(fmi2Component c) {
+    Instance *instance = c;
+    if (illegal(instance, CONTINUOUS_TIME, "fmi2EnterEventMode")) return fmi2Error;
+    instance->s.phase = EVENT_MODE;
+    return fmi2OK;
+}
+
+FMI2_EXPORT fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
+    Instance *instance = c;
+    if (illegal(instance, EVENT_MODE, "fmi2EnterContinuousTimeMode")) return fmi2Error;
+    refresh_parameters(&instance->s);
+    instance->s.phase = CONTINUOUS_TIME;
+    return fmi2OK;
+}
+
+/* There are no events: inputs may jump at any event mode, and discrete states follow accepted steps. */
+FMI2_EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
+    Instance *instance = c;
+    if (illegal(instance, EVENT_MODE, "fmi2NewDiscreteStates") || missing(instance, info, 1, "fmi2NewDiscreteStates"))
+        return fmi2Error;
+    memset(info, 0, sizeof *info);
+    return fmi2OK;
+}
+
+FMI2_EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_rollback, fmi2Boolean *enter_event_mode,
+                                                   fmi2Boolean *terminate) {
+    Instance *instance = c;
+    State *s;
+    (void)no_rollback;
+    if (illegal(instance, CONTINUOUS_TIME, "fmi2CompletedIntegratorStep") ||
+        missing(instance, enter_event_mode, 1, "fmi2CompletedIntegratorStep") ||
+        missing(instance, terminate, 1, "fmi2CompletedIntegratorStep"))
+        return fmi2Error;
+    s = &instance->s;
+    *enter_event_mode = *terminate = fmi2False;
+    s->integrator.steps++;
+#if KIND == PLANT
+    if (N_STATES > N_CONTINUOUS) {
+        variant(s)->update(s->time, states(s), inputs(s), parameters(s), s->c);
+        touch(s);
+    }
+#endif
+    return fmi2OK;
+}
+
+FMI2_EXPORT fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
+    Instance *instance = c;
+    if (illegal(instance, EXCHANGE, "fmi2SetTime")) return fmi2Error;
+    if (!isfinite(time)) {
+        say(instance, fmi2Error, "fmi2SetTime: %g s. Give a finite time.", time);
+        return fail(instance);
+    }
+    instance->s.time = time;
+    touch(&instance->s);
+    return fmi2OK;
+}
+
+/* Whether an array of continuous states or event indicators has the wrong length or is NULL. */
+static int wrong_length(Instance *instance, const void *values, size_t n, size_t expected, const char *function) {
+    if (n == expected) return missing(instance, values, n, function);
+    say(instance, fmi2Error, "%s: an array of %lu elements, but " MODEL_NAME " has %lu. Pass one of that length.", function,
+        (unsigned long)n, (unsigned long)expected);
+    fail(instance);
+    return 1;
+}
+
+FMI2_EXPORT fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {
+    Instance *instance = c;
+    int i;
+    if (illegal(instance, EXCHANGE, "fmi2SetContinuousStates") ||
+        wrong_length(instance, x, n, N_CONTINUOUS, "fmi2SetContinuousStates"))
+        return fmi2Error;
+    i = all_finite(x, N_CONTINUOUS);
+    if (i >= 0) {
+        say(instance, fmi2Discard, "fmi2SetContinuousStates: %s = %g: must be finite. The previous states are kept.",
+            variables[STATE_0 + i].name, x[i]);
+        return fmi2Discard;
+    }
+    for (i = 0; i < N_CONTINUOUS; i++) states(&instance->s)[i] = x[i];
+    touch(&instance->s);
+    return fmi2OK;
+}
+
+FMI2_EXPORT fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
+    Instance *instance = c;
+    if (illegal(instance, INITIALIZATION | EXCHANGE | TERMINATED | FAILED, "fmi2GetContinuousStates") ||
+        wrong_length(instance, x, n, N_CONTINUOUS, "fmi2GetContinuousStates"))
+        return fmi2Error;
+    refresh_parameters(&instance->s);
+    for (int i = 0; i < N_CONTINUOUS; i++) x[i] = states(&instance->s)[i];
+    return fmi2OK;
+}
+
+FMI2_EXPORT fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t n) {
+    Instance *instance = c;
+    State *s;
+    int i;
+    if (illegal(instance, INITIALIZATION | EXCHANGE | TERMINATED | FAILED, "fmi2GetDerivatives") ||
+        wrong_length(instance, derivatives, n, N_CONTINUOUS, "fmi2GetDerivatives"))
+        return fmi2Error;
+    s = &instance->s;
+    s->integrator.derivatives += s->derivatives_dirty != 0;
+    refresh(s, 1);
+    for (i = 0; i < N_CONTINUOUS; i++) derivatives[i] = s->v[DERIVATIVE_0 + i];
+    i = all_finite(derivatives, N_CONTINUOUS);
+    if (i < 0) return fmi2OK;
+    say(instance, fmi2Discard, "fmi2GetDerivatives: %s is not finite at t = %.17g s. Check inputs and states, or take a "
+        "smaller step.", variables[DERIVATIVE_0 + i].name, s->time);
+    return fmi2Discard;
+}
+
+FMI2_EXPORT fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t n) {
+    Instance *instance = c;
+    if (illegal(instance, INITIALIZATION | EXCHANGE | TERMINATED | FAILED, "fmi2GetEventIndicators") ||
+        wrong_length(instance, indicators, n, 0, "fmi2GetEventIndicators"))
+        return fmi2Error;
+    return fmi2OK;
+}
+
+FMI2_EXPORT fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real values[], size_t n) {
+    Instance *instance = c;
+    if (illegal(instance, INSTANTIATED | INITIALIZATION | EXCHANGE | TERMINATED | FAILED,
+                "fmi2GetNominalsOfContinuousStates") ||
+        wrong_length(instance, values, n, N_CONTINUOUS, "fmi2GetNominalsOfContinuousStates"))
+        return fmi2Error;
+#if KIND == PLANT
+    for (int i = 0; i < N_CONTINUOUS; i++) values[i] = nominals[i];
+#endif
     return fmi2OK;
 }
 
