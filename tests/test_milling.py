@@ -43,7 +43,7 @@ def test_published_figures_of_the_slot():
         return float(2.0 * abs(np.mean(x * np.exp(-2j * np.pi * 192.0 * n * times))))
 
     found = [x.mean(), y.mean(), x.min(), x.max(), harmonic(1), harmonic(2), harmonic(4)]
-    # Digits as printed in the specification; 1 % is its tolerance, half a digit that of the last harmonic.
+    # Figures of an earlier simulation of 720 bins, rounded; 1 % of each, half a digit of the last harmonic.
     assert found == pytest.approx([-0.0542, 0.0892, -0.2152, 0.0993, 0.0596, 0.1059, 0.0048], rel=0.01, abs=5e-5)
 
 

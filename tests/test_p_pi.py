@@ -59,7 +59,7 @@ def test_integral_gain_at_the_limit_of_stability():
     routh = 45.0 * 30.0 / (10.0 * 30.0 - 45.0)
     assert exact == pytest.approx(routh, rel=1e-3)
     assert routh == pytest.approx(5.294, abs=5e-4)
-    # Figures of the specification, its tolerance 1 %.
+    # Found by an earlier simulation on the edge of growth; 1 %.
     assert limit(lambda gain: PPi(K_i=gain, T_s=2e-4), 1.0, 20.0) == pytest.approx(5.095, rel=0.01)
     assert limit(
         lambda gain: PPi(K_i=gain, T_s=2e-4, velocity_source=VelocitySource.input), 1.0, 20.0

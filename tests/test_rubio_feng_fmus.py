@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from motion_loops import reference
 
 from cosim.master import Simulation, simulate
@@ -54,7 +56,7 @@ def row(result: Result) -> Row:
     )
 
 
-# Rows 1 to 4 of the specification: published or measured figures with their tolerances.
+# Table I as an earlier simulation of the same equations has it: maxima 0.1 to 2 % off the printed ones.
 
 
 @pytest.mark.parametrize(
@@ -203,7 +205,7 @@ def test_parallel_order_is_one_sample_of_delay(
     native: Path, name: str, T_s: float, overrides: Mapping[str, object], expected: tuple[float, float]
 ) -> None:
     # The independent loop of make_references.py with each command applied one sample later, the first one at once.
-    # (The specification's delayed loop applies no force in the first sample: 0.1833 and 0.1889, 0.0601 and 0.0623.)
+    # (Without any force in the first sample it has 0.1833 and 0.1889, 0.0601 and 0.0623.)
     values = {**overrides, "controller.T_s": T_s}
     found = row(motor(native, name, values, step_size=T_s, stop_time=3, order="parallel"))
     assert (found.error_max, found.opposite) == pytest.approx(expected, rel=1e-5)
@@ -255,7 +257,7 @@ def indicators(result: Result, axis: str, feed: float) -> tuple[float, ...]:
     )
 
 
-# Specification, section (c): without compensation, with observer of 50 rad/s, with learned pulses.
+# An earlier simulation of the same equations: without compensation, with observer of 50 rad/s, with learned pulses.
 CIRCLES: dict[float, dict[str, tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]]] = {
     500: {
         "x": ((10.52, 10.53, 5.11, 3.57), (3.38, 3.38, 1.74, 1.36), (2.11, 2.11, 0.92, 0.70)),
@@ -298,7 +300,7 @@ def test_circles_with_learned_pulses(native: Path, feed: float) -> None:
         found, expected = indicators(result, axis, feed), CIRCLES[feed][axis][2]
         assert found[2:] == pytest.approx(expected[2:], rel=0.03)
         assert found[:2] == pytest.approx(expected[:2], rel=0.05)
-        # The paper's least reduction over all indicators; rms as the specification bounds it.
+        # The paper's least reduction over all indicators, and a bound for the rms.
         without = indicators(plain, axis, feed)
         assert all(1.0 - a / b >= 0.54 for a, b in zip(found, without, strict=True))
         assert 1.0 - found[2] / without[2] >= 0.75
@@ -319,7 +321,7 @@ def test_feed_drive_follows_the_independent_loop(native: Path, name: str, overri
     expected = reference("feed_drive")
     columns = ("plant_x.position", "plant_x.velocity", "controller_x.force", "pulse_x.velocity_pulse")
     found = np.stack([result[column] for column in columns], axis=1)
-    # A given pulse: the specification asks 3 % rms and 5 % peak; the observer's last increment uses an older force.
+    # The independent loop is at a tenth of this; the observer's last increment uses an older force.
     tolerance = 1e-3 if name == "observer" else 1e-5
     for part, rows in (
         ("start", slice(0, 241)),
@@ -352,7 +354,7 @@ def test_start_of_motion_is_not_compensated(native: Path) -> None:
     plain, pulse = run("out_and_back"), run("out_and_back_pulse")
     start, back = plain.time < 0.5, plain.time > 4.0
     e = [1e6 * (r["trajectory_y.position"] - LEAD * r["plant_y.angle"]) for r in (plain, pulse)]
-    # Specification, pitfall 9: 9.5 um at the start of S1 with and without pulse; the reversal's 18.6 um become 3.9 um.
+    # Earlier simulation: 9.5 um at the start of S1 with and without pulse; the reversal's 18.6 um become 3.9 um.
     assert np.max(np.abs(e[0][start])) == pytest.approx(9.5, rel=0.02)
     np.testing.assert_array_equal(e[0][start], e[1][start])
     assert np.max(np.abs(e[0][back])) == pytest.approx(18.56, rel=0.015)
@@ -364,7 +366,7 @@ def test_one_sample_of_delay_hardly_moves_the_feed_drive(native: Path) -> None:
         indicators(circle(native, "circle", 2000.0, order=order), "x", 2000.0) for order in (None, "parallel")
     )
     assert late != first
-    # Specification: 15.540 -> 15.561 at 4 kHz without compensation.
+    # Earlier simulation: the peak grows from 15.540 to 15.561 um at 4 kHz.
     assert late == pytest.approx(first, rel=3e-3)
 
 
@@ -384,6 +386,89 @@ def test_friction_changed_in_mid_run_acts_from_then_on(native: Path, factor: flo
         np.testing.assert_array_equal(same[name], nominal[name][later])
     for axis in "xy":
         changed, unchanged = (indicators(result, axis, 1000.0)[2] for result in (late, nominal))
-        # Specification, finding 10: with the learned functions held, rms rises 1.8 to 2.7 times at F 500 and F 3000.
+        # Earlier simulation: with the learned tables held, rms rises 1.8 to 2.7 times at F 500 and F 3000.
         assert 1.7 <= changed / unchanged <= 2.7
         assert changed == pytest.approx(indicators(early, axis, 1000.0)[2], rel=0.02)
+
+
+# Properties over random parameters
+
+GAINS = {"p_pi": ("K_v", "K_p", "K_i", "b_hat"), "super_twisting": ("mu", "lambda_", "Lambda", "W")}
+LOOPS = st.sampled_from([f"{name}{observer}" for name in GAINS for observer in ("", "_observer")])
+FOUR = st.tuples(*(st.floats(0.0, 1e3) for _ in range(4)))
+
+
+def with_gains(name: str, gains: tuple[float, ...]) -> dict[str, object]:
+    names = GAINS[name.removesuffix("_observer")]
+    return {f"controller.{key}": value for key, value in zip(names, gains, strict=True)}
+
+
+@settings(max_examples=30, deadline=None)
+@given(gains=FOUR, m=st.floats(0.1, 100.0), b=st.floats(0.0, 1e3), limit=st.floats(1e-6, 10.0), name=LOOPS)
+def test_any_motor_loop_is_finite_and_keeps_its_limit(
+    native: Path, *, gains: tuple[float, ...], m: float, b: float, limit: float, name: str
+) -> None:
+    values = with_gains(name, gains)
+    values |= {"plant.m": m, "plant.b": b, "controller.command_max": limit, "plant.feed_per_tooth": 1e-6}
+    result = motor(native, name, values, stop_time=0.05)
+    assert np.all(np.isfinite(result.rows))
+    assert np.max(np.abs(result["controller.command"])) <= limit * (1.0 + 1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(gains=FOUR, name=LOOPS)
+def test_a_motor_at_rest_without_reference_stays_there(native: Path, *, gains: tuple[float, ...], name: str) -> None:
+    result = motor(native, name, {**with_gains(name, gains), "trajectory.amplitude": 0.0}, stop_time=0.02)
+    assert np.all(result.rows == 0.0)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    K_pos=st.floats(0.0, 1e3),
+    omega_v=st.floats(0.0, 1e4),
+    T_i=st.floats(1e-3, 1.0),
+    g=st.floats(0.0, 1e3),
+    scale=st.floats(0.1, 3.0),
+    limit=st.floats(0.01, 10.0),
+)
+def test_any_feed_drive_loop_is_finite_and_keeps_its_limit(native: Path, *, limit: float, **drawn: float) -> None:
+    names = {
+        "K_pos": "controller_?.K_pos",
+        "omega_v": "controller_?.omega_v",
+        "T_i": "controller_?.T_i",
+        "g": "observer_?.g",
+        "scale": "plant_?.friction_scale",
+    }
+    values: dict[str, object] = {}
+    for axis in "xy":
+        values |= {names[key].replace("?", axis): value for key, value in drawn.items()}
+        values[f"controller_{axis}.command_max"] = limit
+    system = read_system(STUDIES / "feng2015" / "circle_pulse.toml", values, fmus=native, stop_time=0.3)
+    result = simulate(system)
+    assert np.all(np.isfinite(result.rows))
+    for axis in "xy":
+        assert np.max(np.abs(result[f"controller_{axis}.command"])) <= limit * (1.0 + 1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    feed=st.floats(0.0, 5e-6),
+    run_out=st.floats(0.0, 3e-6),
+    h_min=st.floats(0.0, 3e-6),
+    start=st.floats(-0.1, 0.1),
+)
+def test_milling_forces_are_finite_and_chips_are_not_negative(
+    native: Path, *, feed: float, run_out: float, h_min: float, start: float
+) -> None:
+    values = {"feed_per_tooth": feed, "run_out": run_out, "h_min": h_min, "start_time": start}
+    document = {
+        "instances": {"force": {"fmu": "MillingForce", "start": values}},
+        "experiment": {"stop_time": 0.05, "step_size": 1e-4},
+    }
+    result = simulate(make_system(document, fmus=native))
+    assert np.all(np.isfinite(result.rows))
+    chips = np.stack([result[f"force.uncut_thickness[{tooth}]"] for tooth in (1, 2)])
+    assert np.min(chips) >= 0.0
+    # A tooth ploughs until it finds h_min; a revolution brings two feeds, the run-out twice itself.
+    assert np.max(chips) <= 2.0 * feed + 2.0 * run_out + h_min + 1e-18
+    assert np.all(chips[:, result.time < start] == 0.0)

@@ -21,7 +21,9 @@ class LinearMotor(Plant):
     Positive command, cutting force and disturbance push towards positive position. The axis is the feed direction x
     of the cut: with ``side`` tool it carries the spindle, with table the work. Cutting is off while ``feed_per_tooth``
     is 0. Rigid tool and axis: position does not change the chip. The amplifier has no lag and the guides no dry
-    friction. Positions are of the order of 1 um, and the integrator's tolerance counts from there.
+    friction. Positions are of the order of 1 um, and the integrator's tolerance counts from there. With ploughing
+    (h_min > 0) the force jumps where teeth enter and leave: at 10 kHz and the default tolerance the position is then
+    right to some 0.3 nm, in ten integration steps a sample, instead of 2 pm in three.
 
     Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
     machining, 2015, plant equation and section on simulations (there k_t and K_a carry these units); cutting data are
