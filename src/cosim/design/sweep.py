@@ -60,7 +60,7 @@ BATCH_SECONDS = 1.0
 """Work in one task: long against what a task costs, short against the loss when a worker dies."""
 MAX_BATCH = 500
 DEATHS = 2
-"""A batch whose worker died this often is split into single runs; a single run is then recorded as failed."""
+"""The runs of a batch whose worker died this often are tried one by one; a run that does it again has failed."""
 CONNECT_SECONDS = 10.0
 TEMPORARY = ".part"
 
@@ -667,26 +667,26 @@ def _on_cluster(
             sent[future.key] = batch
             return future
 
-        first = [submit(batch) for _ in range(2 * count) if (batch := batches.next())]
-        waiting = as_completed(first)
+        suspects: list[int] = []
+        waiting = as_completed([submit(batch) for _ in range(2 * count) if (batch := batches.next())])
         for future in waiting:
             batch = sent.pop(future.key)
-            error = future.exception()
-            if error is None:
-                rows = future.result()
+            try:
+                rows = cast("list[Row]", future.result())
+            except killed:
+                suspects += batch
+            else:
                 batches.learn(rows)
                 keep(rows)
-            elif not isinstance(error, killed):
-                raise error
-            elif len(batch) > 1:
-                for number in batch:
-                    waiting.add(submit([number]))
-            else:
-                text = f"the worker process died {DEATHS} times in this run"
-                keep([Row(batch[0], plan.points[batch[0]], {}, math.nan, text)])
-            future.release()
             if following := batches.next():
                 waiting.add(submit(following))
+        # Which run of a batch, or of another batch waiting at the same worker, killed it? Alone it shows.
+        for number in suspects:
+            try:
+                keep(cast("list[Row]", submit([number]).result()))
+            except killed:
+                text = f"the worker process died in this run, {DEATHS} times"
+                keep([Row(number, plan.points[number], {}, math.nan, text)])
     return count
 
 

@@ -1,0 +1,359 @@
+"""The nominal characteristic trajectory (NCT) of a stage, identified from an open-loop pulse.
+
+A command u_r is applied for a time t_r, then none; the stage coasts until it rests. What is left of the way, over
+the velocity, is the NCT. Signals are in SI units, u in the unit of the command.
+
+The origin of the position error is where the velocity first becomes 0, not where the stage rests in the end: friction
+springs back a little, and with the final rest as origin the slope near the target depends on that. With Coulomb
+friction the slope grows without bound towards the origin, so the linear part needs a choice: its slope alpha, or the
+error e_lin at which it ends, or else the amplitude of the spring-back as e_lin.
+
+Source: Maeda & Sato, Practical control method for ultra-precision positioning using a ballscrew mechanism, Precision
+Engineering 32, 2008, sec. 3.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from ..errors import DescriptionError
+from ..master import simulate
+from ..metrics import Array
+from ..system import System, read_system
+
+NODES = 128
+"""Nodes of the NCT in the controllers of this library."""
+POINTS = 400
+"""Points of the curve above its linear part."""
+MAX_WINDOW = 51
+NOISE_SHARE = 0.02
+"""The velocity is smoothed until its noise is below this share of the velocity lost in one sample."""
+
+
+@dataclass(frozen=True)
+class Nct:
+    """An identified NCT; SI units, K in m/s a unit of command."""
+
+    alpha: float
+    """Slope of the linear part, 1/s."""
+    e_lin: float
+    """Position error at which the linear part ends."""
+    K: float
+    """Way a unit of command and second: rest position over u_r*t_r."""
+    u_r: float
+    t_r: float
+    rest: float
+    """Where the stage rests, from its start."""
+    stop: float
+    """Where its velocity first was 0, from its start."""
+    h_max: float
+    """Largest velocity after the pulse."""
+    reach: float
+    """Position error of the largest velocity; beyond it the NCT is h_max."""
+    error: Array
+    """Points of the curve, ascending from 0."""
+    rate: Array
+    """Velocity at these points."""
+    measured_error: Array
+    """The samples behind the curve."""
+    measured_rate: Array
+
+    @property
+    def spring_back(self) -> float:
+        """How far the stage moves back after its velocity was 0 (stop less rest)."""
+        return self.stop - self.rest
+
+    def nodes(self, count: int = NODES) -> tuple[Array, Array]:
+        """The curve with ``count`` nodes: errors and rates."""
+        return reduce_nodes(self.error, self.rate, count)
+
+    def gains(self, omega_n: float, zeta: float) -> tuple[float, float]:
+        """K_P and K_I of the PI compensator for a natural frequency in rad/s and a damping ratio."""
+        return pi_gains(self.alpha, self.K, omega_n=omega_n, zeta=zeta)
+
+
+def pi_gains(alpha: float, K: float, *, omega_n: float, zeta: float) -> tuple[float, float]:
+    """K_P and K_I of the PI compensator for the nominal object K*alpha/(s*(s + alpha)), eqs. (3a) and (3b)."""
+    return 2.0 * zeta * omega_n / (alpha * K), omega_n**2 / (alpha * K)
+
+
+def identify_nct(
+    source: str | Path | System,
+    *,
+    alpha: float | None = None,
+    e_lin: float | None = None,
+    position: str = "plant.position",
+    velocity: str | None = "plant.velocity",
+    command: str = "plant.command",
+    fmus: str | Path | None = None,
+) -> Nct:
+    """Identify from a system that drives its plant with a pulse, or from a .csv with columns t, u, x (and v)::
+
+        nct = identify_nct("studies/maeda2008/pulse.toml", alpha=505.0)
+
+    ``alpha`` in 1/s or ``e_lin`` in m fixes the linear part. Raises DescriptionError for signals that do not serve.
+    """
+    if isinstance(source, str | Path) and Path(source).suffix == ".csv":
+        time, drive, place, rate = read_signals(Path(source))
+    else:
+        system = source if isinstance(source, System) else read_system(source, fmus=fmus)
+        result = simulate(system.changed(record=[name for name in (position, velocity, command) if name is not None]))
+        time, drive, place = result.time, result[command], result[position]
+        rate = None if velocity is None else result[velocity]
+    return nct_from_signals(time, drive, place, rate, alpha=alpha, e_lin=e_lin)
+
+
+def read_signals(path: Path) -> tuple[Array, Array, Array, Array | None]:
+    """The columns t, u, x and, if it is there, v of a CSV file with a header."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            names = [name.strip().strip('"') for name in file.readline().split(",")]
+            data = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
+    except (OSError, ValueError) as error:
+        raise DescriptionError(f"{path}: cannot be read: {error}") from None
+    missing = [name for name in ("t", "u", "x") if name not in names]
+    if missing or data.shape[1] != len(names):
+        raise DescriptionError(
+            f"{path}: columns are {', '.join(names)}. Give t in s, u in the unit of the command, x in m, "
+            "and v in m/s if it was measured."
+        )
+
+    def column(name: str) -> Array:
+        return data[:, names.index(name)]
+
+    return column("t"), column("u"), column("x"), column("v") if "v" in names else None
+
+
+def nct_from_signals(
+    time: Array,
+    command: Array,
+    position: Array,
+    velocity: Array | None = None,
+    *,
+    alpha: float | None = None,
+    e_lin: float | None = None,
+) -> Nct:
+    """The NCT of a recorded pulse, sampled at equal times; without ``velocity`` it is the slope of ``position``.
+
+    Raises DescriptionError.
+    """
+    if alpha is not None and e_lin is not None:
+        raise DescriptionError("both alpha and e_lin are given. Give one; the other follows.")
+    if time.size < 8 or np.ptp(np.diff(time)) > 1e-3 * (time[1] - time[0]):
+        raise DescriptionError("the samples are not equally spaced, or too few: record at one sampling time.")
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    driven = np.flatnonzero(command[:-1])
+    if driven.size == 0 or command[driven[-1] + 1] != 0.0:
+        raise DescriptionError("there is no pulse: the command must be u_r for a time and then 0 to the end.")
+    u_r = float(command[driven[0]])
+    if np.any(command[driven] != u_r):
+        raise DescriptionError("the command has more than one value beside 0: apply one u_r.")
+    t_r = driven.size * step
+    direction = math.copysign(1.0, u_r)
+    place = direction * (position - position[driven[0]])
+    end = int(driven[-1]) + 1  # the first sample without command
+    tail = place[-max(2, (time.size - end) // 20) :]
+    rest, noise = float(np.mean(tail)), position_noise(place[end:])
+    rate = direction * velocity if velocity is not None else smooth_slope(place, step, end, noise)
+    if abs(float(rate[-1])) > 1e-2 * float(np.max(rate[end:])):
+        raise DescriptionError("the stage still moves at the end of the record. Record until it rests.")
+    top = end + int(np.argmax(rate[end:]))
+    stopped = np.flatnonzero(rate[top:] <= 0.0)
+    last = top + int(stopped[0]) if stopped.size else time.size - 1
+    if last - top < 8:
+        raise DescriptionError(f"only {last - top} samples between the largest velocity and rest: sample faster.")
+    share = float(rate[last - 1] / (rate[last - 1] - rate[last]))
+    stop = float(place[last - 1] + share * (place[last] - place[last - 1]))
+
+    errors = (stop - place[top:last])[::-1]
+    kept = errors > max(1e-8, 3.0 * noise)
+    errors, rates = errors[kept], rate[top:last][::-1][kept]
+    order = np.argsort(errors, kind="stable")
+    errors, rates = errors[order], monotone(rates[order])
+    alpha, e_lin = linear_part(errors, rates, alpha=alpha, e_lin=e_lin, spring_back=stop - rest)
+    h_max, reach = float(rates[-1]), float(errors[-1])
+    curve = np.geomspace(e_lin, reach, POINTS + 1)
+    return Nct(
+        alpha=alpha,
+        e_lin=e_lin,
+        K=rest / (abs(u_r) * t_r),
+        u_r=u_r,
+        t_r=t_r,
+        rest=rest,
+        stop=stop,
+        h_max=h_max,
+        reach=reach,
+        error=np.concatenate(([0.0], curve)),
+        rate=np.concatenate(([0.0, alpha * e_lin], np.interp(curve[1:], errors, rates))),
+        measured_error=errors,
+        measured_rate=rates,
+    )
+
+
+def linear_part(
+    error: Array, rate: Array, *, alpha: float | None, e_lin: float | None, spring_back: float
+) -> tuple[float, float]:
+    """Slope and end of the linear part of a curve, either given or both from the spring-back."""
+    low, high = float(error[0]), float(error[-1])
+    if alpha is not None:
+        above = np.flatnonzero(rate >= alpha * error)
+        if alpha <= 0.0 or above.size == 0 or above[-1] + 1 == error.size:
+            least, most = float(np.min(rate / error)), float(np.max(rate / error))
+            raise DescriptionError(
+                f"alpha = {alpha:g} 1/s is not on the curve: rate over error is {least:.4g} to {most:.4g} 1/s there."
+            )
+        i = int(above[-1])
+        one, two = float(rate[i] - alpha * error[i]), float(rate[i + 1] - alpha * error[i + 1])
+        return alpha, float(error[i]) + one / (one - two) * float(error[i + 1] - error[i])
+    end = e_lin if e_lin is not None else spring_back
+    if not low <= end < high:
+        hint = "" if e_lin is not None else " The stage hardly springs back: give alpha or e_lin."
+        raise DescriptionError(f"e_lin = {end:.4g} m is not on the curve, {low:.4g} to {high:.4g} m.{hint}")
+    return float(np.interp(end, error, rate)) / end, end
+
+
+def monotone(values: Array) -> Array:
+    """The nearest values that never fall (least squares, pooling neighbours that do)."""
+    if np.all(np.diff(values) >= 0.0):
+        return values
+    means: list[float] = []
+    counts: list[int] = []
+    for value in values:
+        mean, count = float(value), 1
+        while means and means[-1] > mean:
+            mean = (mean * count + means[-1] * counts[-1]) / (count + counts[-1])
+            count += counts[-1]
+            means.pop()
+            counts.pop()
+        means.append(mean)
+        counts.append(count)
+    return np.repeat(np.array(means), counts)
+
+
+def position_noise(position: Array) -> float:
+    """Standard deviation of what is not smooth in ``position``, quantisation included (from third differences)."""
+    rough = np.diff(position, 3)
+    if rough.size == 0:
+        return 0.0
+    return float(np.median(np.abs(rough))) / 0.6745 / math.sqrt(20.0)
+
+
+def smooth_slope(position: Array, step: float, end: int, noise: float) -> Array:
+    """Time derivative by local quadratic fits, as short as the noise allows; ``end`` is where the coasting begins.
+
+    The shortest window of an odd number of samples is the central difference.
+    """
+    # Velocity lost in a sample, from the mean of the coasting.
+    central = np.gradient(position, step)
+    top = end + int(np.argmax(central[end:]))
+    stopped = np.flatnonzero(central[top:] <= 0.0)
+    samples = int(stopped[0]) if stopped.size else position.size - top
+    lost = float(central[top]) / max(samples, 1)
+    half = 1
+    while 2 * half + 1 < min(MAX_WINDOW, samples // 8):
+        spread = noise / step / math.sqrt(half * (half + 1) * (2 * half + 1) / 3.0)
+        if spread <= NOISE_SHARE * lost * half:
+            break
+        half += 1
+    if half == 1:
+        return central
+    weights = np.arange(-half, half + 1) / (half * (half + 1) * (2 * half + 1) / 3.0 * step)
+    inner = np.correlate(position, weights, mode="valid")
+    central[half:-half] = inner
+    # A window must not look across the end of the pulse, where the acceleration jumps.
+    central[end : end + half] = central[end + half]
+    return central
+
+
+def reduce_nodes(error: Array, rate: Array, count: int = NODES) -> tuple[Array, Array]:
+    """A subset of ``count`` points whose joining lines stay as near to all points as so many can, in relative terms.
+
+    The first two points are kept. Fewer points than ``count`` are filled up with the last one.
+    """
+    if error.size <= count:
+        fill = count - error.size
+        return np.pad(error, (0, fill), mode="edge"), np.pad(rate, (0, fill), mode="edge")
+
+    def chosen(tolerance: float) -> list[int]:
+        nodes = [0, 1]
+        while nodes[-1] < error.size - 1 and len(nodes) <= count:
+            first = nodes[-1]
+            # The slopes from the node that pass every point so far within the tolerance.
+            ahead = slice(first + 1, None)
+            span = error[ahead] - error[first]
+            low = np.maximum.accumulate((rate[ahead] * (1.0 - tolerance) - rate[first]) / span)
+            high = np.minimum.accumulate((rate[ahead] * (1.0 + tolerance) - rate[first]) / span)
+            slope = (rate[ahead] - rate[first]) / span
+            fits = np.flatnonzero((slope >= low) & (slope <= high))
+            crossed = np.flatnonzero(low > high)
+            if crossed.size:
+                fits = fits[fits < crossed[0]]
+            nodes.append(first + 1 + int(fits[-1]))
+        return nodes
+
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if len(chosen(middle)) <= count:
+            high = middle
+        else:
+            low = middle
+    nodes = chosen(high)
+    while len(nodes) < count:
+        gaps = np.diff(nodes)
+        widest = int(np.argmax(gaps))
+        nodes.insert(widest + 1, nodes[widest] + int(gaps[widest]) // 2)
+    return error[nodes], rate[nodes]
+
+
+# Files
+
+
+def write_nct(nct: Nct, path: Path) -> None:
+    """Write the curve as CSV: error_m, rate_m_per_s."""
+    rows = "".join(f"{e:.10g},{v:.10g}\n" for e, v in zip(nct.error, nct.rate, strict=True))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("error_m,rate_m_per_s\n" + rows, encoding="utf-8")
+
+
+def write_start(
+    nct: Nct,
+    path: Path,
+    *,
+    controller: str = "controller",
+    gains: tuple[float, float] | None = None,
+    base: str | None = None,
+) -> None:
+    """Write a system file that gives ``controller`` the NCT (and K_P, K_I); ``base`` is the file it completes."""
+    error, rate = nct.nodes()
+    values: dict[str, Any] = {} if gains is None else {"K_P": gains[0], "K_I": gains[1]}
+    lines = [
+        f"# NCT of {nct.u_r:g} for {nct.t_r:g} s: alpha = {nct.alpha:.6g} 1/s, e_lin = {nct.e_lin:.6g} m, "
+        f"K = {nct.K:.6g} m/s a unit of command.",
+        *([f'base = "{base}"', ""] if base is not None else []),
+        f"[instances.{controller}.start]",
+        *(f"{name} = {value:.10g}" for name, value in values.items()),
+        *(
+            f'"{name}" = [{", ".join(f"{value:.10g}" for value in cast("list[float]", nodes.tolist()))}]'
+            for name, nodes in (("nct.error", error), ("nct.rate", rate))
+        ),
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def plot_nct(nct: Nct, path: Path) -> None:
+    """The phase plane: the samples and the nodes of the NCT."""
+    from ..plots import Series, plot_phase_plane
+
+    error, rate = nct.nodes()
+    series = (
+        Series("measured", nct.measured_error[::-1], nct.measured_rate[::-1], 0),
+        Series(f"NCT, {error.size} nodes", error, rate, 1, dashed=True),
+    )
+    plot_phase_plane(path, series, y=("Velocity", "m/s"), title=f"alpha = {nct.alpha:.4g} 1/s, K = {nct.K:.4g}")
