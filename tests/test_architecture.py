@@ -26,7 +26,7 @@ ROOMS: list[tuple[str, list[str]]] = [
     ("src/cosim/export/embed.py", [*TRAVELLING, "cosim.export", "pythonfmu"]),
     ("src/cosim/export/*", [*TRAVELLING, "cosim.export", "fmus"]),
     ("src/cosim/fmu.py", ["cosim.errors", "fmpy.model_description"]),
-    ("src/cosim/system.py", ["cosim.errors", "cosim.units", "cosim.fmu"]),
+    ("src/cosim/system.py", ["cosim.errors", "cosim.units", "cosim.fmu", "cosim.ssp"]),
     ("src/cosim/ssp.py", ["cosim.errors", "cosim.units", "cosim.fmu", "cosim.system", "fmpy", "lxml"]),
     ("src/cosim/results.py", ["cosim.errors", "numpy", "pandas", "pyarrow"]),
     ("src/cosim/loop.py", ["numba", "numpy", "llvmlite"]),

@@ -12,7 +12,6 @@ import time
 import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 from types import TracebackType
@@ -64,13 +63,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
+class _Version(argparse.Action):
+    """Looks the version up only when it is asked for: that takes longer than the rest of the parser."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import version
+
+        parser.exit(message=f"cosim {version('motion-cosim')}\n")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="cosim",
         description="Co-simulation of FMI 2.0 FMUs for precision motion.",
         epilog="Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.",
     )
-    parser.add_argument("--version", action="version", version=f"cosim {version('motion-cosim')}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
     run = commands.add_parser(
@@ -233,7 +241,8 @@ def _system_path(text: str) -> Path:
 def _check(options: argparse.Namespace) -> int:
     system = _system(options)
     console = _console()
-    table = Table(title=escape(system.description or system.name), title_justify="left", box=SIMPLE_HEAD)
+    console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
+    table = Table(box=SIMPLE_HEAD)
     for heading in ("Instance", "FMU", "Start values", "Steps over"):
         table.add_column(heading)
     for instance in system.instances:
@@ -300,7 +309,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _failed(error: CallError, options: argparse.Namespace) -> None:
     if error.result is not None:
-        _show_messages(error.result)
+        _show_messages(error.result, but=error.message)
     _complain(str(error))
     if error.result is not None and error.result.time.size:
         _remark(_kept(error.result, options))
@@ -392,10 +401,12 @@ def _figures(result: Result) -> list[Row]:
         return []
 
 
-def _show_messages(result: Result) -> None:
-    for message in result.messages[:MAX_SHOWN_MESSAGES]:
+def _show_messages(result: Result, but: str = "") -> None:
+    """What FMUs logged, without the message ``but``, which is told elsewhere."""
+    messages = [message for message in result.messages if message.text != but]
+    for message in messages[:MAX_SHOWN_MESSAGES]:
         _remark(str(message))
-    more = len(result.messages) - MAX_SHOWN_MESSAGES + result.dropped_messages
+    more = len(messages) - MAX_SHOWN_MESSAGES + result.dropped_messages
     if more > 0:
         _remark(f"and {more} more messages")
 
@@ -453,7 +464,7 @@ def _info(options: argparse.Namespace) -> int:
             escape(name),
             _causality(variable),
             variable.type,
-            escape(variable.unit or ""),
+            escape(_units(variable)),
             escape(_start(variable)),
             "" if variable.min is None else f"{variable.min:g}",
             "" if variable.max is None else f"{variable.max:g}",
@@ -484,6 +495,11 @@ def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:
 def _causality(variable: Variable) -> str:
     tunable = variable.causality == "parameter" and variable.variability == "tunable"
     return "tunable parameter" if tunable else variable.causality
+
+
+def _units(variable: Variable) -> str:
+    shown = variable.display_unit
+    return (variable.unit or "") + (f" ({shown.name})" if shown is not None else "")
 
 
 def _start(variable: Variable) -> str:

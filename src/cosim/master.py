@@ -30,6 +30,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import itertools
+import math
 import os
 import platform
 import signal
@@ -67,7 +68,8 @@ FATAL = 4
 CHUNK_SECONDS = 0.05
 MAX_MESSAGES = 10_000
 MAX_PASSES = 50
-SOLVER_COUNTERS = ("solver.steps", "solver.rejected", "solver.rhs_evaluations")
+SOLVER = "solver."
+"""Numbers an FMU offers under names with this beginning are kept at the end of a run."""
 KINDS = {"Real": 0, "Integer": 1, "Enumeration": 1, "Boolean": 2}
 """Which of the loop's set and get calls serves a type."""
 
@@ -663,14 +665,13 @@ class _Run:
         self.state[loop.POINT] = begin
         self.first_row = -(-begin // system.decimation)
         shape = (self.last // system.decimation + 1 - self.first_row, len(system.record))
-        try:
-            self.rows = np.empty(shape)
-        except MemoryError:
-            size = shape[0] * shape[1] * 8 / 2**30
+        need = shape[0] * shape[1] * 8
+        if need > _physical_memory():
             raise DescriptionError(
-                f"{system.name}: {shape[0]} rows of {shape[1]} variables need {size:.1f} GiB of memory. "
+                f"{system.name}: {shape[0]} rows of {shape[1]} variables need {need / 2**30:.1f} GiB of memory. "
                 "Record fewer variables or take a larger decimation."
-            ) from None
+            )
+        self.rows = np.empty(shape)
         self.notices: list[Message] = []
         self.started = clock_time.perf_counter()
         self.stepping_seconds = 0.0
@@ -807,9 +808,9 @@ class _Run:
     def counters(self) -> dict[str, dict[str, float]]:
         found: dict[str, dict[str, float]] = {}
         for slave in self.slaves:
-            variables = [slave.fmu.variables[name] for name in SOLVER_COUNTERS if name in slave.fmu.variables]
+            variables = [v for v in slave.fmu.variables.values() if v.name.startswith(SOLVER) and v.type in KINDS]
             if variables:
-                found[slave.name] = {v.name.removeprefix("solver."): slave.get(v) for v in variables}
+                found[slave.name] = {v.name.removeprefix(SOLVER): slave.get(v) for v in variables}
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
@@ -867,6 +868,14 @@ def _versions() -> Mapping[str, str]:
     with contextlib.suppress(PackageNotFoundError):
         found["motion-cosim"] = version("motion-cosim")
     return MappingProxyType(found)
+
+
+def _physical_memory() -> float:
+    """Bytes of memory of this machine, where it can be asked for."""
+    names = getattr(os, "sysconf_names", {})
+    if "SC_PHYS_PAGES" not in names:
+        return math.inf
+    return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _temporary_folder() -> tempfile.TemporaryDirectory[str]:

@@ -57,7 +57,7 @@ class Result:
     dropped_messages: int
     """Messages that came after so many that they were no longer kept."""
     solver: Mapping[str, Mapping[str, float]]
-    """By instance, what its ``solver.*`` variables said at the end: steps, rejected, rhs_evaluations."""
+    """By instance, what its ``solver.*`` variables said at the end: steps, rejected, rhs_evaluations ..."""
     metadata: Mapping[str, Any]
     """System, hash, versions, times in seconds: what a file keeps about the run."""
 
