@@ -472,7 +472,7 @@ def claims() -> tuple[Claim, ...]:
         ),
         Claim(
             "P12",
-            "Old tables still reduce the error when friction rises",
+            "Old tables still reduce the error by more than 54 % when friction changes",
             "> 54 %",
             "%",
             kept_reduction,
