@@ -22,7 +22,7 @@ COUNTERS = (
     ("solver.rejected", "Rejected steps of the integrator since initialization"),
     ("solver.rhs_evaluations", "Evaluations of the derivatives since initialization"),
     ("solver.jacobians", "Evaluations of the Jacobian since initialization"),
-    ("solver.decompositions", "LU decompositions since initialization"),
+    ("solver.decompositions", "Inversions of the matrix of the stages since initialization"),
 )
 
 
