@@ -67,6 +67,8 @@ def model_c(trace: Trace, guid: str) -> str:
         "N_CONSTANTS": trace.n_constants,
         "N_RULES": len(trace.rules),
         "N_CHOICES": len(trace.choices),
+        "PLAIN_INPUTS": int(bool(trace.inputs) and _plain(variables, ("input",))),
+        "PLAIN_OUTPUTS": int(bool(trace.outputs) and _plain(variables, ("state", "output"))),
     }
     if issubclass(kind, Plant):
         label = "PLANT"
@@ -80,6 +82,12 @@ def model_c(trace: Trace, guid: str) -> str:
         name=kind.__name__, guid=guid, kind=label, sizes="".join(f"#define {k} {v}\n" for k, v in sizes.items())
     )
     return head + _table(variables) + _choices(trace) + trace.functions + _VARIANT + _variants(trace) + _tail(trace)
+
+
+def _plain(variables: Sequence[Variable], roles: Sequence[str]) -> bool:
+    """Whether all variables of these roles are Real, inputs without bounds: the runtime then has a shorter way."""
+    chosen = [v for v in variables if v.role in roles]
+    return all(v.type == "Real" and (v.role != "input" or (v.min, v.max) == (-math.inf, math.inf)) for v in chosen)
 
 
 def _table(variables: Sequence[Variable]) -> str:

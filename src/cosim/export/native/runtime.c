@@ -29,7 +29,8 @@
 typedef enum { INSTANTIATED = 1, INITIALIZATION = 2, STEP_COMPLETE = 4, STEP_FAILED = 8, TERMINATED = 16, FAILED = 32,
                EVENT_MODE = 64, CONTINUOUS_TIME = 128 } Phase;
 #define EXCHANGE (EVENT_MODE | CONTINUOUS_TIME)
-#define READABLE (INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | FAILED | EXCHANGE)
+#define EVALUATED (INITIALIZATION | STEP_COMPLETE | STEP_FAILED | EXCHANGE)
+#define READABLE (EVALUATED | TERMINATED | FAILED)
 #define WRITABLE (INSTANTIATED | INITIALIZATION | STEP_COMPLETE | EXCHANGE)
 #define ANY (INSTANTIATED | READABLE)
 
@@ -159,7 +160,8 @@ static double sampling_time(const State *s) { return s->v[PARAMETER_T_S]; }
 static double sampling_instant(const State *s) { return s->start + (double)s->sample * sampling_time(s); }
 /* Two times are one sampling instant if they differ by rounding only. */
 static double same_instant(const State *s) {
-    return fmin(1e-6 * sampling_time(s) + 8.0 * DBL_EPSILON * fabs(s->time), 0.25 * sampling_time(s));
+    const double rounding = 1e-6 * sampling_time(s) + 8.0 * DBL_EPSILON * fabs(s->time);
+    return rounding < 0.25 * sampling_time(s) ? rounding : 0.25 * sampling_time(s);
 }
 
 static void take_sample(State *s, double t) {
@@ -195,7 +197,11 @@ static void touch(State *s) {
     s->sampled = 0;
 }
 
-static int all_finite(const double *x, int n) {
+/* Index of the first value that is not finite, else -1. */
+static int not_finite(const double *x, int n) {
+    double zero = 0.0;
+    for (int i = 0; i < n; i++) zero += 0.0 * x[i];
+    if (zero == 0.0) return -1;
     for (int i = 0; i < n; i++)
         if (!isfinite(x[i])) return i;
     return -1;
@@ -335,7 +341,7 @@ FMI2_EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
         return fail(instance);
     }
     refresh_parameters(s);
-    i = all_finite(states(s), N_STATES);
+    i = not_finite(states(s), N_STATES);
     if (i >= 0) {
         say(instance, fmi2Error, "fmi2ExitInitializationMode: the initial %s is not finite. Check the parameters.",
             variables[STATE_0 + i].name);
@@ -390,12 +396,23 @@ static int prepare_get(Instance *instance, const fmi2ValueReference references[]
         if (unknown(instance, references[i], type, function)) return 1;
         derivatives |= variables[references[i]].role == DERIVATIVE;
     }
-    if (instance->s.phase & (INITIALIZATION | STEP_COMPLETE | STEP_FAILED | EXCHANGE)) refresh(&instance->s, derivatives);
+    if (instance->s.phase & EVALUATED) refresh(&instance->s, derivatives);
     return 0;
 }
 
 FMI2_EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2Real values[]) {
     Instance *instance = c;
+#if PLAIN_OUTPUTS /* what happens at every step, in one pass */
+    if (instance && references && values && instance->s.phase & EVALUATED) {
+        size_t i = 0;
+        refresh(&instance->s, 0);
+        while (i < n && references[i] - STATE_0 < N_STATES + N_OUTPUTS) {
+            values[i] = instance->s.v[references[i]];
+            i++;
+        }
+        if (i == n) return fmi2OK;
+    }
+#endif
     if (prepare_get(instance, references, n, values, REAL, "fmi2GetReal")) return fmi2Error;
     for (size_t i = 0; i < n; i++) values[i] = instance->s.v[references[i]];
     return fmi2OK;
@@ -495,17 +512,19 @@ FMI2_EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference ref
                                    const fmi2Real values[]) {
     Instance *instance = c;
     fmi2Status status = fmi2OK;
-    if (prepare_set(instance, references, n, values, REAL, "fmi2SetReal")) return fmi2Error;
-    for (size_t i = 0; i < n && status != fmi2Error; i++) {
-        const fmi2ValueReference r = references[i];
-        if (variables[r].role == INPUT && fabs(values[i]) <= DBL_MAX && values[i] >= variables[r].min &&
-            values[i] <= variables[r].max) { /* what happens at every step, without the checks of parameters */
-            instance->s.v[r] = values[i];
-            continue;
+    size_t i = 0;
+#if PLAIN_INPUTS /* what happens at every step, in one pass */
+    if (instance && references && values && instance->s.phase & WRITABLE) {
+        while (i < n && references[i] - INPUT_0 < N_INPUTS && fabs(values[i]) <= DBL_MAX) {
+            instance->s.v[references[i]] = values[i];
+            i++;
         }
-        status = worse(status, set(instance, r, values[i], "fmi2SetReal"));
+        touch(&instance->s);
+        if (i == n) return fmi2OK;
     }
-    touch(&instance->s);
+#endif
+    if (prepare_set(instance, references, n, values, REAL, "fmi2SetReal")) return fmi2Error;
+    for (; i < n && status != fmi2Error; i++) status = worse(status, set(instance, references[i], values[i], "fmi2SetReal"));
     return status;
 }
 
@@ -774,7 +793,7 @@ FMI2_EXPORT fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x
     if (illegal(instance, EXCHANGE, "fmi2SetContinuousStates") ||
         wrong_length(instance, x, n, N_CONTINUOUS, "fmi2SetContinuousStates"))
         return fmi2Error;
-    i = all_finite(x, N_CONTINUOUS);
+    i = not_finite(x, N_CONTINUOUS);
     if (i >= 0) {
         say(instance, fmi2Discard, "fmi2SetContinuousStates: %s = %g: must be finite. The previous states are kept.",
             variables[STATE_0 + i].name, x[i]);
@@ -806,7 +825,7 @@ FMI2_EXPORT fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[
     s->integrator.derivatives += s->derivatives_dirty != 0;
     refresh(s, 1);
     for (i = 0; i < N_CONTINUOUS; i++) derivatives[i] = s->v[DERIVATIVE_0 + i];
-    i = all_finite(derivatives, N_CONTINUOUS);
+    i = not_finite(derivatives, N_CONTINUOUS);
     if (i < 0) return fmi2OK;
     say(instance, fmi2Discard, "fmi2GetDerivatives: %s is not finite at t = %.17g s. Check inputs and states, or take a "
         "smaller step.", variables[DERIVATIVE_0 + i].name, s->time);
@@ -858,15 +877,16 @@ static fmi2Status advance(Instance *instance, double end) {
 #elif KIND == CONTROLLER
 static fmi2Status advance(Instance *instance, double end) {
     State *s = &instance->s;
-    while (sampling_instant(s) < end - same_instant(s)) {
-        int i;
-        if (!s->sampled) take_sample(s, sampling_instant(s));
-        i = all_finite(outputs(s), N_OUTPUTS);
-        if (i < 0) i = all_finite(s->next, N_STATES) < 0 ? -1 : N_OUTPUTS + all_finite(s->next, N_STATES);
-        if (i >= 0) {
+    const double last = end - same_instant(s);
+    for (double instant = sampling_instant(s); instant < last; instant = sampling_instant(s)) {
+        int output, state;
+        if (!s->sampled) take_sample(s, instant);
+        output = not_finite(outputs(s), N_OUTPUTS);
+        state = not_finite(s->next, N_STATES);
+        if (output >= 0 || state >= 0) {
             say(instance, fmi2Discard, "fmi2DoStep: %s is not finite at the sample t = %.17g s. Check inputs and parameters.",
-                variables[i < N_OUTPUTS ? OUTPUT_0 + i : STATE_0 + i - N_OUTPUTS].name, sampling_instant(s));
-            s->time = fmax(s->time, sampling_instant(s));
+                variables[output >= 0 ? OUTPUT_0 + output : STATE_0 + state].name, instant);
+            s->time = fmax(s->time, instant);
             s->phase = STEP_FAILED;
             return fmi2Discard;
         }
