@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test lint fmus study bench conformance clean
+.PHONY: demo test lint fmus study bench conformance platforms clean
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
@@ -26,6 +26,17 @@ study: fmus
 bench: fmus
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
 	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+
+# other importers, in a venv of their own; writes docs/importers.md (ecospy needs libtbb.so.12, Debian's libtbb12)
+conformance: $(INSTALLED)
+	$(BIN)/python build_fmus.py --flavour both
+	test -x build/importers/bin/python || $(PYTHON) -m venv build/importers
+	build/importers/bin/python -m pip install --quiet --requirement tests/importers/requirements.txt
+	$(BIN)/python -m tests.importers.conform --python build/importers/bin/python
+
+# win64 under wine, aarch64-linux under qemu (Debian: wine, qemu-user, libc6-arm64-cross)
+platforms: $(INSTALLED)
+	$(BIN)/python -m pytest tests/importers/platforms.py -rs
 
 clean:
 	rm -rf build .pytest_cache .ruff_cache .hypothesis

@@ -512,6 +512,27 @@ FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b
                                                                           (size_t)head.size - sizeof head, saved));
 }
 
+/* ---- model exchange: not offered, but some importers look for these functions in every FMU ---- */
+
+#define NO_EXCHANGE(function, ...)                                                                       \
+    FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__);                                                  \
+    FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__) {                                                 \
+        return not_provided(c, 1, "fmi2" #function ": the Python flavour is for co-simulation. Take the native FMU."); \
+    }
+#pragma clang diagnostic push
+#pragma clang diagnostic ignored "-Wunused-parameter"
+NO_EXCHANGE(EnterEventMode, fmi2Component c)
+NO_EXCHANGE(EnterContinuousTimeMode, fmi2Component c)
+NO_EXCHANGE(NewDiscreteStates, fmi2Component c, fmi2EventInfo *info)
+NO_EXCHANGE(CompletedIntegratorStep, fmi2Component c, fmi2Boolean no_rollback, fmi2Boolean *enter, fmi2Boolean *terminate)
+NO_EXCHANGE(SetTime, fmi2Component c, fmi2Real time)
+NO_EXCHANGE(SetContinuousStates, fmi2Component c, const fmi2Real x[], size_t n)
+NO_EXCHANGE(GetContinuousStates, fmi2Component c, fmi2Real x[], size_t n)
+NO_EXCHANGE(GetDerivatives, fmi2Component c, fmi2Real derivatives[], size_t n)
+NO_EXCHANGE(GetEventIndicators, fmi2Component c, fmi2Real indicators[], size_t n)
+NO_EXCHANGE(GetNominalsOfContinuousStates, fmi2Component c, fmi2Real nominals[], size_t n)
+#pragma clang diagnostic pop
+
 /* ---- status of a step ---- */
 
 FMI2_EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {

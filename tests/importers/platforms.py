@@ -1,0 +1,89 @@
+"""Native FMUs of other platforms, stepped there: win64 under wine, aarch64-linux under qemu. ``make platforms``.
+
+Not part of the normal suite: the tools come from the system (Debian: wine, qemu-user, libc6-arm64-cross), and the first
+compilation for Windows takes minutes.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from conftest import WORKSPACE
+
+from cosim.export.package import NATIVE, TARGETS, build
+
+from .conform import Case, compare, fmu_case
+
+COMPONENTS = sorted(WORKSPACE.components())
+SYSROOT = Path("/usr/aarch64-linux-gnu")
+STEPS = 50
+TOLERANCE = 1e-9
+"""exp and sin of each platform's C library differ in the last bit; feedback from controllers is not in these runs."""
+
+
+def host(folder: Path, target: str, ending: str) -> Path:
+    """The host program for a platform."""
+    program = folder / f"host{ending}"
+    if not program.exists():
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-O1", "-I", str(NATIVE)]
+        libraries = [] if "windows" in target else ["-ldl"]
+        command += [str(Path(__file__).with_name("host.c")), "-o", str(program), *libraries]
+        environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str((WORKSPACE.cache / "zig").resolve())}
+        subprocess.run(command, check=True, env=environment)
+    return program
+
+
+def run(case: Case, folder: Path, platform: str, command: list[str]) -> None:
+    """Build an FMU for the platform, run its library in the host, compare with the run here."""
+    name = case.job["name"]
+    member = f"binaries/{platform}/{name}{TARGETS[platform][1]}"
+    path = build(WORKSPACE.component(name), folder / name, WORKSPACE.cache, (platform,))
+    with zipfile.ZipFile(path) as archive:
+        library = Path(archive.extract(member, folder / name))
+    job = case.job
+    inputs = [text for n, v in job["inputs"].items() for text in (str(job["references"][n]), repr(v))]
+    outputs = [str(job["references"][n]) for n in job["outputs"]]
+    counts = [str(len(job["inputs"])), *inputs, str(len(outputs)), *outputs]
+    done = subprocess.run(
+        [*command, str(library), job["guid"], repr(job["step"]), str(job["steps"]), *counts],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env=os.environ | {"WINEDEBUG": "-all"},
+    )
+    assert done.returncode == 0, done.stderr[-500:]
+    rows = [[float(value) for value in line.split()] for line in done.stdout.splitlines()]
+    difference, output = compare(case, rows)
+    assert difference <= TOLERANCE, output
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("platforms")
+
+
+@pytest.mark.skipif(shutil.which("wine") is None, reason="wine is not installed: apt-get install wine")
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_win64_under_wine(native: Path, folder: Path, name: str) -> None:
+    program = host(folder, "x86_64-windows-gnu", ".exe")
+    case = fmu_case(native / f"{name}.fmu", STEPS)
+    run(case, folder, "win64", ["wine", str(program)])
+
+
+@pytest.mark.skipif(
+    shutil.which("qemu-aarch64") is None or not SYSROOT.exists(),
+    reason="qemu-aarch64 or its C library is not installed: apt-get install qemu-user libc6-arm64-cross",
+)
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_aarch64_linux_under_qemu(native: Path, folder: Path, name: str) -> None:
+    program = host(folder, "aarch64-linux-gnu.2.17", "")
+    case = fmu_case(native / f"{name}.fmu", STEPS)
+    command = ["qemu-aarch64", "-L", str(SYSROOT), str(program)]
+    run(case, folder, "aarch64-linux", command)
