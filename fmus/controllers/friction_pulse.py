@@ -72,8 +72,18 @@ class FrictionPulse(Controller):
 
     T_s: float = parameter(2.5e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")
     mode: Mode = parameter(Mode.table, "1", "Whether there are pulses, and which")
-    A: float = parameter(0.8e-3, "m/s", "Amplitude of a fixed pulse", min=0.0, nominal=1e-3, display_unit="mm/s")
-    T: float = parameter(0.05, "s", "Duration of a fixed pulse", min=0.0, nominal=1e-2, display_unit="ms")
+    A: float = parameter(
+        0.8e-3,
+        "m/s",
+        "Amplitude of a fixed pulse",
+        min=0.0,
+        nominal=1e-3,
+        display_unit="mm/s",
+        variability="tunable",
+    )
+    T: float = parameter(
+        0.05, "s", "Duration of a fixed pulse", min=0.0, nominal=1e-2, display_unit="ms", variability="tunable"
+    )
     t_r: float = parameter(2e-3, "s", "Time of rise and of fall", min=1e-9, nominal=1e-3, display_unit="ms")
     acceleration_table: tuple[float, ...] = parameter(
         ACCELERATIONS,

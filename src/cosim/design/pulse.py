@@ -1,0 +1,517 @@
+"""Learning of friction pulses: amplitude and duration of the velocity pulse at a reversal, over its acceleration.
+
+Every run of the loop goes through one reversal on a circle at constant speed, so that the reverse acceleration is
+speed^2/radius. Runs start ``LEAD_IN`` before the reversal, at that speed, in steady friction and with the friction in
+the integrator; the state at the reversal is saved, and the runs of one acceleration go on from there. The index is J,
+the rms position error from the reversal on over the monitoring time 2.5*t_c.
+
+    1. t_c, the time from the reversal to the largest error without pulse, at four accelerations (4 runs)
+    2. the duration of the best pulse there, the shortest if several are as good: nine of 0.5 ... 1.5 t_c, ten
+       amplitudes each (360 runs)
+    3. the amplitude at 13 accelerations, eleven coarse steps from A_0 to A_max (143 runs)
+    4. the amplitude at these and the points between, eleven fine steps about the coarse one (275 runs)
+    5. a general regression neural network (Nadaraya & Watson) over the logarithm of the acceleration smooths the
+       amplitudes; its spread predicts each of them best from the others
+
+The tables hold amplitude and duration at 60 accelerations of equal ratios. Friction that has changed shows in J at
+the same pulses: more than 1.5 times its nominal value asks for learning anew.
+
+Source: Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical Problems in
+Engineering 2015; its formulas are not legible and are rebuilt from its text and figures.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time as clock_time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from threading import Lock, get_ident
+from typing import Any, cast
+
+import numpy as np
+
+from ..errors import DescriptionError
+from ..master import Checkpoint, Simulation
+from ..metrics import Array, rms
+from ..system import System, make_system, read_system
+
+ACCELERATIONS = (2e-3, 10e-3, 40e-3, 120e-3)
+"""Reverse accelerations at which durations are learned, m/s2; the first and last bound the tables."""
+LEAD_IN, LEAD_OUT = 0.6, 0.5
+"""Seconds before the reversal at which a run starts, and after it within which the error must peak."""
+MONITORED = 2.5
+"""Monitoring time over t_c."""
+SHARES = tuple(0.5 + 0.125 * i for i in range(9))
+"""Durations tried, over t_c."""
+AMPLITUDES = 10
+FLAT = 1.02
+"""Of the durations whose J is within this ratio of the least, the shortest counts: one sample of t_c would decide
+between them otherwise."""
+TOP = 0.98
+"""Samples above this share of the largest error make its peak."""
+STEPS = 10
+"""Steps of the coarse and of the fine search for the amplitude."""
+FINE = 5
+"""Fine steps in a coarse one."""
+NODES = 60
+RELEARN = 1.5
+"""J over its nominal value above which friction counts as changed."""
+
+Pulse = tuple[float, float]
+"""Amplitude in m/s, duration in s."""
+Job = tuple[float, Sequence[Pulse], float]
+"""Reverse acceleration, the pulses to try there, and the seconds to look at."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Names of one axis in a system; the defaults are those of this library's components."""
+
+    trajectory: str = "trajectory"
+    pulse: str = "pulse"
+    controller: str = "controller"
+    plant: str = "plant"
+    reference: str = "position"
+    """Output of the trajectory."""
+    position: str = "plant.position"
+    """What follows the reference, ROLE.VARIABLE: an output of the plant, or an input of the controller."""
+    friction: str = "friction_torque"
+    """Output of the plant that goes, divided by ``lead``, into ``integral_start`` of the controller."""
+    lead: str = "l_p"
+    """Parameter of the controller: travel a radian."""
+
+    @classmethod
+    def named(cls, suffix: str, *, position: str = "plant.position") -> Axis:
+        """The axis whose instances end in ``_suffix``: trajectory_x, pulse_x ...; ``""`` for plain names."""
+        end = f"_{suffix}" if suffix else ""
+        return cls(f"trajectory{end}", f"pulse{end}", f"controller{end}", f"plant{end}", position=position)
+
+    @property
+    def recorded(self) -> list[str]:
+        """Reference and position, INSTANCE.VARIABLE."""
+        role, _, variable = self.position.partition(".")
+        instances = {"plant": self.plant, "controller": self.controller}
+        if role not in instances:
+            raise DescriptionError(f"position '{self.position}': write plant.VARIABLE or controller.VARIABLE.")
+        return [f"{self.trajectory}.{self.reference}", f"{instances[role]}.{variable}"]
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Amplitude and duration over reverse acceleration, SI units."""
+
+    acceleration: Array
+    amplitude: Array
+    duration: Array
+
+    def at(self, acceleration: float) -> Pulse:
+        """The pulse at an acceleration, linear between nodes, the ends held."""
+        return (
+            float(np.interp(acceleration, self.acceleration, self.amplitude)),
+            float(np.interp(acceleration, self.acceleration, self.duration)),
+        )
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What was learned for an axis; SI units."""
+
+    t_c: Array
+    """At ``ACCELERATIONS``."""
+    durations: Array
+    """At ``ACCELERATIONS``."""
+    accelerations: Array
+    """Of the fine search."""
+    amplitudes: Array
+    costs: Array
+    """J at the amplitudes of the fine search."""
+    spread: float
+    tables: Tables
+    nominal: Array
+    """J with the tables' pulses, at ``ACCELERATIONS``."""
+    runs: Mapping[str, int]
+    """Number of runs by stage; those for ``nominal`` come on top."""
+    seconds: float
+
+    def monitoring_time(self, acceleration: float) -> float:
+        """Seconds over which J is taken."""
+        return MONITORED * log_interpolated(acceleration, self.t_c)
+
+
+def log_interpolated(acceleration: float, values: Array) -> float:
+    """``values`` at ``ACCELERATIONS``, linear in both logarithms, the ends held."""
+    return math.exp(float(np.interp(math.log(acceleration), np.log(ACCELERATIONS), np.log(values))))
+
+
+# The closed loop
+
+
+def axis_system(system: System, axis: Axis) -> System:
+    """The part of a system that is connected with the axis, with the plant's velocity led to its controller."""
+    document = system.document
+    ends = [(c.source[0], c.target[0]) for c in system.connections]
+    members = {axis.pulse}
+    grown = True
+    while grown:
+        more = {name for pair in ends if members & set(pair) for name in pair} - members
+        members |= more
+        grown = bool(more)
+    for name in (axis.trajectory, axis.controller, axis.plant):
+        system.instance(name)
+        if name not in members:
+            raise DescriptionError(f"{system.name}: {name} is not connected with {axis.pulse}.")
+    wires: list[Any] = [
+        {"from": ".".join(c.source), "to": ".".join(c.target), "factor": c.factor, "offset": c.offset}
+        for c in system.connections
+        if c.source[0] in members
+    ]
+    if not any(c.target == (axis.controller, "velocity") for c in system.connections):
+        wires.append(f"{axis.plant}.velocity -> {axis.controller}.velocity")
+    experiment = dict(cast("Mapping[str, Any]", document["experiment"]))
+    if not isinstance(system.order, str):
+        experiment["order"] = [name for name in system.order if name in members]
+    part = {
+        "connections": wires,
+        "experiment": {**experiment, "stop_time": LEAD_IN + 2.0 * LEAD_OUT},
+        "instances": {name: table for name, table in document["instances"].items() if name in members},
+        "record": {"variables": axis.recorded},
+    }
+    return make_system(part, name=system.name, folder=system.folder, fmus=system.fmus)
+
+
+class AxisRuns:
+    """Closed-loop runs of an axis through a reversal; a context manager that keeps one simulation a thread."""
+
+    def __init__(self, system: System, axis: Axis, *, radius: float = 0.05, workers: int = 1) -> None:
+        self.axis = axis
+        self.radius = radius
+        self.system = axis_system(system, axis).changed({f"{axis.pulse}.mode": "fixed", f"{axis.pulse}.A": 0.0})
+        self.T_s = float(self.system.step_size)
+        self.count = 0
+        self._pool = ThreadPoolExecutor(workers)
+        self._simulations: dict[int, Simulation] = {}
+        self._checkpoints: dict[tuple[int, float], Checkpoint] = {}
+        self._lock = Lock()
+
+    def __enter__(self) -> AxisRuns:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+        for simulation in self._simulations.values():
+            simulation.close()
+
+    def errors(self, jobs: Sequence[Job]) -> list[list[Array]]:
+        """Position errors from the reversal on, one for each pulse of each job."""
+        found = list(self._pool.map(self._errors, jobs))
+        self.count += sum(len(pulses) for _, pulses, _ in jobs)
+        return found
+
+    def costs(self, jobs: Sequence[Job]) -> list[list[float]]:
+        """J of every pulse of every job."""
+        return [[rms(error) for error in errors] for errors in self.errors(jobs)]
+
+    def _errors(self, job: Job) -> list[Array]:
+        acceleration, pulses, seconds = job
+        simulation = self._simulation()
+        checkpoint = self._reversal(simulation, acceleration)
+        # Communication points count: the last one of a whole number of samples.
+        stop = checkpoint.time + max(1, round(seconds / self.T_s)) * self.T_s
+        axis = self.axis
+        found: list[Array] = []
+        for amplitude, duration in pulses:
+            changes = {f"{axis.pulse}.A": amplitude, f"{axis.pulse}.T": duration}
+            result = simulation.resume(checkpoint, changes, stop_time=stop)
+            found.append(result.rows[:, 0] - result.rows[:, 1])
+        return found
+
+    def _simulation(self) -> Simulation:
+        thread = get_ident()
+        with self._lock:
+            if thread not in self._simulations:
+                self._simulations[thread] = Simulation(self.system).__enter__()
+            return self._simulations[thread]
+
+    def _reversal(self, simulation: Simulation, acceleration: float) -> Checkpoint:
+        """The loop at the reversal with this acceleration."""
+        key = get_ident(), acceleration
+        if key not in self._checkpoints:
+            axis = self.axis
+            rate = math.sqrt(acceleration / self.radius)  # rad/s on the circle
+            angle = math.pi - rate * LEAD_IN
+            speed = -self.radius * rate * math.sin(angle)
+            start = {
+                f"{axis.trajectory}.kind": "circle",
+                f"{axis.trajectory}.radius": self.radius,
+                f"{axis.trajectory}.feed": rate * self.radius,
+                f"{axis.trajectory}.phase": angle,
+                f"{axis.trajectory}.offset": 0.0,
+                f"{axis.trajectory}.start_time": 0.0,
+                f"{axis.trajectory}.soft_start": 0.0,
+                f"{axis.trajectory}.turns": 0.0,
+                f"{axis.trajectory}.tangential_acceleration": 0.0,
+                f"{axis.plant}.position_start": self.radius * math.cos(angle),
+                f"{axis.plant}.velocity_start": speed,
+                f"{axis.plant}.bristle_start": 1.0,
+            }
+            system = self.system.changed(start)
+            # What the plant says its friction is at the start belongs into the integrator.
+            begin = simulation.pause(float(system.start_time), system)
+            friction = simulation.value(axis.plant, axis.friction) / simulation.value(axis.controller, axis.lead)
+            simulation.release(begin)
+            system = system.changed({f"{axis.controller}.integral_start": friction})
+            self._checkpoints[key] = simulation.pause(float(system.start_time) + LEAD_IN, system)
+        return self._checkpoints[key]
+
+
+# Learning
+
+
+def learn_friction_pulse(
+    source: str | Path | System,
+    axis: Axis | str = "",
+    *,
+    overrides: Mapping[str, object] | None = None,
+    acceleration_max: float = 1.0,
+    rise_time: float | None = None,
+    alpha: float = 0.1,
+    radius: float = 0.05,
+    workers: int = 1,
+    fmus: str | Path | None = None,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> Learned:
+    """Learn the tables of an axis::
+
+        learned = learn_friction_pulse("studies/feng2015/circle.toml", "x")
+        learned.tables.amplitude
+
+    The largest amplitude is ``acceleration_max`` (m/s2) times the rise time of the pulse (default: t_r of the pulse's
+    instance), the smallest of the coarse search ``alpha`` times that. ``workers`` threads share the runs of a stage.
+    ``progress`` is told the stage, runs done and the total.
+    """
+    axis = Axis.named(axis) if isinstance(axis, str) else axis
+    system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
+    if rise_time is None:
+        variable = system.variable(axis.pulse, "t_r")
+        rise_time = float(system.instance(axis.pulse).start.get("t_r", variable.start or 0.0))
+    with AxisRuns(system, axis, radius=radius, workers=workers) as runs:
+        return _learn(runs, acceleration_max * rise_time, alpha, progress)
+
+
+def _learn(runs: AxisRuns, A_max: float, alpha: float, progress: Callable[[str, int, int], None]) -> Learned:
+    begun = clock_time.perf_counter()
+    total = len(ACCELERATIONS) * (1 + len(SHARES) * AMPLITUDES) + (13 + 25) * (STEPS + 1)
+    counts: dict[str, int] = {}
+
+    def done(stage: str) -> None:
+        counts[stage] = runs.count - sum(counts.values())
+        progress(stage, runs.count, total)
+
+    unhelped = runs.errors([(a, [(0.0, 0.0)], LEAD_OUT) for a in ACCELERATIONS])
+    t_c = np.array([peak_time(error[0]) * runs.T_s for error in unhelped])
+    done("peak")
+
+    A_0, dA = alpha * A_max, (A_max - alpha * A_max) / STEPS
+    pulses = [
+        [(A_max * (i + 1) / AMPLITUDES, share * float(peak)) for share in SHARES for i in range(AMPLITUDES)]
+        for peak in t_c
+    ]
+    costs = runs.costs(
+        [(a, tried, MONITORED * float(peak)) for a, tried, peak in zip(ACCELERATIONS, pulses, t_c, strict=True)]
+    )
+    least = [np.min(np.reshape(cost, (len(SHARES), AMPLITUDES)), axis=1) for cost in costs]
+    chosen = [int(np.flatnonzero(low <= FLAT * np.min(low))[0]) for low in least]
+    durations = np.array([SHARES[i] * float(peak) for i, peak in zip(chosen, t_c, strict=True)])
+    done("duration")
+
+    def best(accelerations: Array, amplitudes: Sequence[np.ndarray[Any, Any]]) -> tuple[Array, Array]:
+        jobs: list[Job] = []
+        for a, tried in zip((float(a) for a in accelerations), amplitudes, strict=True):
+            T = log_interpolated(a, durations)
+            jobs.append((a, [(float(A), T) for A in tried], MONITORED * log_interpolated(a, t_c)))
+        found = runs.costs(jobs)
+        at = [int(np.argmin(cost)) for cost in found]
+        return (
+            np.array([tried[i] for tried, i in zip(amplitudes, at, strict=True)]),
+            np.array([cost[i] for cost, i in zip(found, at, strict=True)]),
+        )
+
+    grid = coarse_grid()
+    coarse, _ = best(grid, [A_0 + dA * np.arange(STEPS + 1)] * grid.size)
+    done("coarse")
+    fine_grid = np.sort(np.append(grid, 0.5 * (grid[1:] + grid[:-1])))
+    centres = np.interp(fine_grid, grid, coarse)
+    offsets = dA / FINE * np.arange(STEPS + 1) - dA
+    amplitudes, fine_costs = best(fine_grid, [np.maximum(float(centre) + offsets, 0.0) for centre in centres])
+    done("fine")
+
+    spread = best_spread(fine_grid, amplitudes)
+    nodes = np.geomspace(ACCELERATIONS[0], ACCELERATIONS[-1], NODES)
+    nodes[0], nodes[-1] = ACCELERATIONS[0], ACCELERATIONS[-1]
+    tables = Tables(
+        nodes,
+        regression(nodes, fine_grid, amplitudes, spread),
+        np.array([log_interpolated(float(a), durations) for a in nodes]),
+    )
+    nominal = table_costs(runs, tables, t_c)
+    seconds = clock_time.perf_counter() - begun
+    return Learned(t_c, durations, fine_grid, amplitudes, fine_costs, spread, tables, nominal, counts, seconds)
+
+
+def table_costs(runs: AxisRuns, tables: Tables, t_c: Array) -> Array:
+    """J at ``ACCELERATIONS`` with the pulses of ``tables``."""
+    jobs = [(a, [tables.at(a)], MONITORED * float(peak)) for a, peak in zip(ACCELERATIONS, t_c, strict=True)]
+    return np.array([cost[0] for cost in runs.costs(jobs)])
+
+
+def peak_time(error: Array) -> float:
+    """Samples to the largest magnitude: the vertex of a parabola through the top, which rounding leaves flat."""
+    size = np.abs(error)
+    top = int(np.argmax(size))
+    low = top - int(np.argmin(size[top::-1] >= TOP * size[top]))
+    high = top + int(np.argmin(size[top:] >= TOP * size[top]))
+    if not low < top < high or size[top] <= 0.0:
+        raise DescriptionError("the error does not peak after a reversal: there is no friction to learn from.")
+    at = np.arange(low + 1, high) - top
+    if at.size < 3:
+        return float(top)
+    bend, slope, _ = (float(value) for value in np.polyfit(at, size[low + 1 : high], 2))
+    return float(top) if bend >= 0.0 else top - 0.5 * slope / bend
+
+
+def coarse_grid() -> Array:
+    """The 13 accelerations of the coarse search: four equal steps between those at which durations are learned."""
+    parts = [np.linspace(low, high, 5)[:-1] for low, high in pairwise(ACCELERATIONS)]
+    return np.append(np.concatenate(parts), ACCELERATIONS[-1])
+
+
+def regression(at: Array, points: Array, values: Array, spread: float) -> Array:
+    """Nadaraya & Watson's mean of ``values`` at ``points``, Gaussian weights over the logarithm."""
+    exponent = -((np.log(at)[:, None] - np.log(points)[None, :]) ** 2) / (2.0 * spread**2)
+    weights = np.exp(exponent - np.max(exponent, axis=1, keepdims=True))
+    return np.asarray(weights @ values / np.sum(weights, axis=1), dtype=np.float64)
+
+
+def best_spread(points: Array, values: Array) -> float:
+    """The spread, of 40, that predicts each point best from the others."""
+    median = float(np.median(np.diff(np.log(points))))
+
+    def miss(spread: float) -> float:
+        total = 0.0
+        for i in range(points.size):
+            others = np.arange(points.size) != i
+            total += float(regression(points[i : i + 1], points[others], values[others], spread)[0] - values[i]) ** 2
+        return total
+
+    return min((float(spread) for spread in np.geomspace(0.05, 3.0, 40) * median), key=miss)
+
+
+# Monitoring
+
+
+@dataclass(frozen=True)
+class Monitored:
+    """J of an axis with given tables against its nominal value."""
+
+    acceleration: float
+    J: float
+    nominal: float
+
+    @property
+    def ratio(self) -> float:
+        """J over its nominal value."""
+        return self.J / self.nominal
+
+
+def monitor(
+    source: str | Path | System,
+    learned: Learned,
+    axis: Axis | str = "",
+    *,
+    overrides: Mapping[str, object] | None = None,
+    radius: float = 0.05,
+    fmus: str | Path | None = None,
+) -> list[Monitored]:
+    """J with the pulses learned, over the same times; a ratio above ``RELEARN`` asks for learning anew."""
+    axis = Axis.named(axis) if isinstance(axis, str) else axis
+    system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
+    with AxisRuns(system, axis, radius=radius) as runs:
+        found = table_costs(runs, learned.tables, learned.t_c)
+    return [
+        Monitored(a, float(J), float(nominal))
+        for a, J, nominal in zip(ACCELERATIONS, found, learned.nominal, strict=True)
+    ]
+
+
+# Files
+
+
+def save(learned: Learned, path: Path) -> None:
+    """Write what was learned as JSON, for ``load``."""
+    content = {
+        "t_c": learned.t_c.tolist(),
+        "durations": learned.durations.tolist(),
+        "accelerations": learned.accelerations.tolist(),
+        "amplitudes": learned.amplitudes.tolist(),
+        "costs": learned.costs.tolist(),
+        "spread": learned.spread,
+        "tables": {name: values.tolist() for name, values in vars(learned.tables).items()},
+        "nominal": learned.nominal.tolist(),
+        "runs": dict(learned.runs),
+        "seconds": learned.seconds,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def load(path: Path) -> Learned:
+    """Read what ``save`` has written. Raises DescriptionError."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        arrays = {name: np.array(content[name]) for name in ("t_c", "durations", "accelerations", "amplitudes")}
+        tables = Tables(
+            **{name: np.array(content["tables"][name]) for name in ("acceleration", "amplitude", "duration")}
+        )
+        return Learned(
+            **arrays,
+            costs=np.array(content["costs"]),
+            spread=float(content["spread"]),
+            tables=tables,
+            nominal=np.array(content["nominal"]),
+            runs=content["runs"],
+            seconds=float(content["seconds"]),
+        )
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise DescriptionError(f"{path}: holds nothing learned: {error}") from None
+
+
+def write_start(learned: Mapping[str, Learned], path: Path, *, base: str | None = None) -> None:
+    """Write a system file that gives each pulse instance its tables; ``base`` is the file it completes."""
+    lines = [] if base is None else [f'base = "{base}"', ""]
+    for instance, result in learned.items():
+        lines += [f"[instances.{instance}.start]", 'mode = "table"']
+        for name, values in vars(result.tables).items():
+            lines.append(f'"table.{name}" = [{", ".join(f"{value:.9g}" for value in values)}]')
+        lines.append("")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def plot_learned(learned: Mapping[str, Learned], path: Path) -> None:
+    """Amplitudes and durations over the acceleration: what was found and the tables through it."""
+    from ..plots import Panel, Series, plot_panels
+
+    amplitude: list[Series] = []
+    duration: list[Series] = []
+    for i, (name, result) in enumerate(learned.items()):
+        tables = result.tables
+        amplitude.append(Series(f"{name} found", result.accelerations, result.amplitudes, 2 * i, dashed=True))
+        amplitude.append(Series(f"{name} table", tables.acceleration, tables.amplitude, 2 * i))
+        duration.append(Series(name, tables.acceleration, tables.duration, 2 * i))
+    panels = [Panel("Amplitude", "m/s", tuple(amplitude)), Panel("Duration", "s", tuple(duration))]
+    plot_panels(path, panels, x_quantity="Reverse acceleration", x_unit="m/s2")
