@@ -21,7 +21,8 @@ fmus: $(INSTALLED)
 	$(BIN)/python build_fmus.py
 
 study: fmus
-	$(BIN)/cosim study shams2010 --output build/studies/shams2010
+	for name in $(notdir $(wildcard studies/*)); do \
+		$(BIN)/cosim study $$name --output build/studies/$$name || exit 1; done
 
 bench: fmus
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
