@@ -63,7 +63,6 @@ typedef struct {
     Functions slave_functions;
     fmi2Component slave;
     void *library;
-    int unload;
     int dead;          /* Python left by an exception: PythonFMU has given its objects away, nothing may be called */
     int logging;
     unsigned categories;
@@ -148,7 +147,7 @@ static int own_folder(char *path, size_t size) {
     return 1;
 }
 static int python_is_loaded(void) { return GetModuleHandleA("python3.dll") != NULL; }
-static int load_python(void) { return LoadLibraryA("python3.dll") != NULL; }
+static void *load_python(void) { return (void *)LoadLibraryA("python3.dll"); }
 static void *load(const char *path) { return (void *)LoadLibraryExA(path, NULL, LOAD_WITH_ALTERED_SEARCH_PATH); }
 static void unload(void *library) { FreeLibrary((HMODULE)library); }
 static void *symbol(void *library, const char *name) { return (void *)GetProcAddress((HMODULE)library, name); }
@@ -166,17 +165,19 @@ static int own_folder(char *path, size_t size) {
 }
 static int python_is_loaded(void) { return dlsym(RTLD_DEFAULT, "Py_IsInitialized") != NULL; }
 /* One already in the process if there is one, else the one named or the newest. */
-static int load_python(void) {
+static void *load_python(void) {
     static const int modes[] = {RTLD_NOW | RTLD_GLOBAL | RTLD_NOLOAD, RTLD_NOW | RTLD_GLOBAL};
     const char *named = getenv("COSIM_LIBPYTHON");
     char name[64];
-    if (named && *named) return dlopen(named, RTLD_NOW | RTLD_GLOBAL) != NULL;
+    void *library;
+    if (named && *named) return dlopen(named, RTLD_NOW | RTLD_GLOBAL);
     for (int pass = 0; pass < 2; pass++)
         for (int minor = 20; minor >= 11; minor--) {
             snprintf(name, sizeof name, "libpython3.%d.so.1.0", minor);
-            if (dlopen(name, modes[pass])) return 1;
+            library = dlopen(name, modes[pass]);
+            if (library) return library;
         }
-    return 0;
+    return NULL;
 }
 static void *load(const char *path) { return dlopen(path, RTLD_NOW | RTLD_LOCAL); }
 static void unload(void *library) { dlclose(library); }
@@ -184,11 +185,24 @@ static void *symbol(void *library, const char *name) { return dlsym(library, nam
 static const char *load_problem(void) { return dlerror(); }
 #endif
 
+/* Start Python for the rest of the process: PythonFMU would end it at unloading, which numpy does not survive. */
+static int start_python(void) {
+    void *library = load_python();
+    int (*is_started)(void) = library ? symbol(library, "Py_IsInitialized") : NULL;
+    void (*start)(int) = library ? symbol(library, "Py_InitializeEx") : NULL;
+    void *(*release)(void) = library ? symbol(library, "PyEval_SaveThread") : NULL;
+    if (!is_started || !start || !release) return 0;
+    if (!is_started()) {
+        start(0);
+        release();
+    }
+    return 1;
+}
+
 static int load_slave(Instance *instance) {
     char path[MAX_PATH_BYTES];
     void *found[sizeof function_names / sizeof *function_names];
-    instance->unload = python_is_loaded(); /* a Python started here would end with the library: that stays */
-    if (!instance->unload && !load_python()) {
+    if (!python_is_loaded() && !start_python()) {
         say(instance, fmi2Error, "fmi2Instantiate: no Python in this process and no library of Python 3.11 or later found. "
             "Set COSIM_LIBPYTHON to the path of libpython3.x.so, or take the native FMU of the same name.");
         return 0;
@@ -287,7 +301,7 @@ FMI2_EXPORT void fmi2FreeInstance(fmi2Component c) {
     Instance *instance = c;
     if (!instance) return;
     if (instance->slave && !instance->dead) instance->slave_functions.FreeInstance(instance->slave);
-    if (instance->library && instance->unload && !instance->dead) unload(instance->library);
+    if (instance->library && !instance->dead) unload(instance->library);
     free(instance);
 }
 
