@@ -90,13 +90,13 @@ def test_runs_from_the_reversal_are_runs_from_the_start(native: Path) -> None:
 
 
 def test_start_at_speed_has_no_transient(native: Path) -> None:
-    """The error stays near the grating's 0.1 um at first; with an empty integrator friction makes many um of it."""
+    """The error stays below a um at first (feed-forward begins one sample late); with an empty integrator friction makes many um of it."""
     with AxisRuns(read_system(FENG / "circle.toml", fmus=native), Axis.named("x")) as runs:
         runs.errors([(40e-3, [(0.0, 0.0)], 0.1)])
         checkpoint = next(iter(runs._checkpoints.values()))
     empty = simulate(checkpoint.system.changed({"controller_x.integral_start": 0.0}, stop_time=0.1)).rows
     steady, transient = (np.max(np.abs(rows[:400, 0] - rows[:400, 1])) for rows in (checkpoint.result.rows, empty))
-    assert steady < 0.3e-6
+    assert steady < 0.8e-6
     assert transient > 3e-6
 
 

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from .design.commands import add_commands
 from .errors import CosimError, DescriptionError, suggest
 
 if TYPE_CHECKING:
@@ -143,6 +144,8 @@ def _parser() -> argparse.ArgumentParser:
     study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
     _fmus_argument(study)
     study.set_defaults(command=_study)
+
+    add_commands(commands)
     return parser
 
 

@@ -219,7 +219,23 @@ def _plain(value: object) -> Value:
     return value if isinstance(value, bool | str) else float(cast(Any, value))
 
 
-def _range(path: str, given: Mapping[str, Any]) -> tuple[float, float, bool]:
+@dataclass(frozen=True)
+class Range:
+    """Values between two ends, in equal steps or equal ratios."""
+
+    low: float
+    high: float
+    log: bool = False
+
+    def at(self, share: float) -> float:
+        """The value at a share of the way, 0 ... 1."""
+        if self.log:
+            return self.low * (self.high / self.low) ** share
+        return self.low + (self.high - self.low) * share
+
+
+def read_range(path: str, given: Mapping[str, Any]) -> Range:
+    """The range of a parameter given as a table with from, to and log."""
     unknown = [key for key in given if key not in ("from", "to", "count", "log")]
     try:
         low, high = float(given["from"]), float(given["to"])
@@ -230,7 +246,7 @@ def _range(path: str, given: Mapping[str, Any]) -> tuple[float, float, bool]:
         raise DescriptionError(f"parameters.{path}.{unknown[0]}: unknown key. Known: from, to, count, log.")
     if log and not (low > 0.0 and high > 0.0):
         raise DescriptionError(f"parameters.{path}: log needs positive ends, not {low:g} and {high:g}.")
-    return low, high, log
+    return Range(low, high, log)
 
 
 def _axis(path: str, given: Any) -> list[Value]:
@@ -238,11 +254,11 @@ def _axis(path: str, given: Any) -> list[Value]:
     if not isinstance(given, Mapping):
         return _values(path, given)
     table = cast("Mapping[str, Any]", given)
-    low, high, log = _range(path, table)
+    ends = read_range(path, table)
     count = table.get("count")
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         raise DescriptionError(f"parameters.{path}.count: give how many values, at least 1.")
-    spaced = np.geomspace(low, high, count) if log else np.linspace(low, high, count)
+    spaced = (np.geomspace if ends.log else np.linspace)(ends.low, ends.high, count)
     return [float(value) for value in spaced]
 
 
@@ -269,10 +285,8 @@ def _shares(method: str, dimensions: int, count: int, seed: int) -> figures.Arra
 def _spread(path: str, given: Any, shares: figures.Array) -> list[Value]:
     """Shares of the unit interval as values of a parameter."""
     if isinstance(given, Mapping):
-        low, high, log = _range(path, cast("Mapping[str, Any]", given))
-        if log:
-            return [float(value) for value in low * (high / low) ** shares]
-        return [float(value) for value in low + (high - low) * shares]
+        ends = read_range(path, cast("Mapping[str, Any]", given))
+        return [ends.at(float(share)) for share in shares]
     values = _values(path, given)
     return [values[min(int(share * len(values)), len(values) - 1)] for share in shares]
 

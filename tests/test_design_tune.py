@@ -1,0 +1,127 @@
+"""Tuning: a parameter whose best value is known, limits, failing runs, threads, files."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim.design.tune import Trial, Tuned, Tuning, make_tuning, read_tuning, tune, write_start
+from cosim.errors import DescriptionError
+from cosim.system import read_system
+
+STUDY = Path(__file__).parents[1] / "studies" / "maeda2008"
+METRICS = {
+    "end": {"of": "last", "signal": "plant.position"},
+    "swing": {"of": "peak_to_peak", "signal": "plant.position"},
+}
+
+
+@pytest.fixture
+def make(native: Path) -> Callable[..., Tuning]:
+    """Tunings of the linear stage, driven by the reference alone: its position is velocity*time."""
+
+    def made(**more: Any) -> Tuning:
+        document: dict[str, Any] = {
+            "system": "nominal.toml",
+            "experiment": {"stop_time": 0.1},
+            "parameters": {"controller.K_P": {"from": 10.0, "to": 800.0, "log": True}},
+            "objective": "error_rms",
+            "generations": 6,
+            "population": 8,
+        }
+        return make_tuning({**document, **more}, folder=STUDY, fmus=native)
+
+    return made
+
+
+def test_the_best_of_a_scan_is_found(make: Callable[..., Tuning], native: Path) -> None:
+    """The gain with the least rms error, against a fine scan."""
+    from cosim.master import Simulation
+    from cosim.study import tracking
+
+    tuned = tune(make(generations=12))
+    system = read_system(STUDY / "nominal.toml", fmus=native, stop_time=0.1)
+    with Simulation(system) as simulation:
+        scan = {
+            gain: tracking(simulation.run(system.changed({"controller.K_P": gain})), (-math.inf, math.inf))["error_rms"]
+            for gain in (10.0 * 80.0 ** (i / 200) for i in range(201))
+        }
+    best = min(scan, key=lambda gain: scan[gain])
+    assert tuned.feasible
+    assert 10.0 < best < 800.0
+    assert tuned.best.figures["error_rms"] <= 1.001 * scan[best]
+    assert tuned.parameters["controller.K_P"] == pytest.approx(best, rel=0.1)
+
+
+def test_limits_are_kept_where_they_bind(make: Callable[..., Tuning]) -> None:
+    free = tune(make())
+    least = free.best.figures["command_max"]
+    bound = tune(make(limits={"command_max": 0.5 * least}))
+    assert bound.feasible
+    assert bound.best.figures["command_max"] <= 0.5 * least
+    assert bound.best.figures["command_max"] > 0.4 * least  # on the limit, not far below it
+    assert bound.best.figures["error_rms"] > free.best.figures["error_rms"]
+    impossible = tune(make(limits={"command_max": 1e-6}))
+    assert not impossible.feasible
+    assert impossible.best.excess == min(trial.excess for trial in impossible.trials)
+
+
+def test_failing_runs_lose_against_all_others(make: Callable[..., Tuning]) -> None:
+    """F_S below F_C is refused by the plant: the best point lies on the other side."""
+    tuning = make(
+        system="step.toml",
+        parameters={"plant.F_S": {"from": 0.02, "to": 0.08}},
+        metrics=METRICS,
+        objective="swing",
+        generations=3,
+    )
+    tuned = tune(tuning)
+    assert any(trial.error for trial in tuned.trials)
+    assert tuned.feasible
+    assert tuned.parameters["plant.F_S"] >= 0.046
+    none = make(
+        system="step.toml", parameters={"plant.F_S": {"from": 0.02, "to": 0.03}}, metrics=METRICS, objective="swing"
+    )
+    with pytest.raises(DescriptionError, match="no run of"):
+        tune(none)
+
+
+def test_threads_change_nothing(make: Callable[..., Tuning]) -> None:
+    alone, shared = tune(make(generations=3)), tune(make(generations=3), workers=2)
+    assert alone.trials == shared.trials
+    seen: list[int] = []
+    tune(make(generations=3), progress=lambda done, best: seen.append(done))
+    assert seen == sorted(seen)
+    assert seen[-1] == len(alone.trials)
+
+
+def test_everything_wrong_is_said(make: Callable[..., Tuning], tmp_path: Path) -> None:
+    for more, text in (
+        ({"objective": "swin", "metrics": METRICS}, "Did you mean 'swing'"),
+        ({"limits": {"swin": 1.0}, "metrics": METRICS, "objective": "end"}, "Did you mean 'swing'"),
+        ({"objective": None}, "objective: missing"),
+        ({"generations": 0}, "generations: 0 is not a count"),
+        ({"parameters": {"controller.K_P": [1.0, 2.0]}}, "write { from"),
+        ({"parameters": {"controller.K_P": {"from": -1.0, "to": 2.0}}}, "below its minimum"),
+    ):
+        with pytest.raises(DescriptionError, match=text):
+            make(**more)
+    with pytest.raises(DescriptionError, match="is no metric of this system"):
+        tune(make(objective="error_rsm"))
+    with pytest.raises(DescriptionError, match="cannot be read"):
+        read_tuning(tmp_path / "none.toml")
+
+
+def test_the_start_file_completes_its_base(tmp_path: Path) -> None:
+    best = Trial((1.5, 2.5, 3.5), {}, 0.0)
+    tuned = Tuned({"controller.K_P": 1.5, "plant.m": 2.5, "controller.nct.x": 3.5}, best, True, (best,), 1, "")
+    write_start(tuned, tmp_path / "start.toml", base="step.toml")
+    document = tomllib.loads((tmp_path / "start.toml").read_text(encoding="utf-8"))
+    assert document["base"] == "step.toml"
+    assert document["instances"]["controller"]["start"] == {"K_P": 1.5, "nct.x": 3.5}
+    assert document["instances"]["plant"]["start"] == {"m": 2.5}
