@@ -150,6 +150,7 @@ static int python_is_loaded(void) { return GetModuleHandleA("python3.dll") != NU
 static void *load_python(void) { return (void *)LoadLibraryA("python3.dll"); }
 static void *load(const char *path) { return (void *)LoadLibraryExA(path, NULL, LOAD_WITH_ALTERED_SEARCH_PATH); }
 static void unload(void *library) { FreeLibrary((HMODULE)library); }
+static void guard_exit(void *library) { (void)library; }
 static void *symbol(void *library, const char *name) { return (void *)GetProcAddress((HMODULE)library, name); }
 static const char *load_problem(void) { return "LoadLibrary failed"; }
 #else
@@ -180,7 +181,19 @@ static void *load_python(void) {
     return NULL;
 }
 static void *load(const char *path) { return dlopen(path, RTLD_NOW | RTLD_LOCAL); }
-static void unload(void *library) { dlclose(library); }
+static void unload(void *library) { (void)library; } /* its C++ library keeps it loaded whatever is asked */
+
+/* At exit PythonFMU 0.7 lets go of one object twice, heap memory in use after it was freed. Registered after its
+   library's own clean-up, so run before it, this leaves nothing to let go of. */
+static void (*finalize)(void);
+static void before_exit(void) { finalize(); }
+static void guard_exit(void *library) {
+    Dl_info info;
+    if (finalize || !dladdr((const void *)&category_names, &info)) return;
+    if (!dlopen(info.dli_fname, RTLD_NOW | RTLD_NOLOAD | RTLD_NODELETE)) return; /* what runs at exit must be there */
+    finalize = dlsym(library, "finalizePythonInterpreter");
+    if (finalize) atexit(before_exit);
+}
 static void *symbol(void *library, const char *name) { return dlsym(library, name); }
 static const char *load_problem(void) { return dlerror(); }
 #endif
@@ -214,6 +227,7 @@ static int load_slave(Instance *instance) {
         say(instance, fmi2Error, "fmi2Instantiate: %s cannot be loaded: %s.", path, load_problem());
         return 0;
     }
+    guard_exit(instance->library);
     for (size_t i = 0; i < sizeof found / sizeof *found; i++) {
         found[i] = symbol(instance->library, function_names[i]);
         if (!found[i]) {
