@@ -29,7 +29,8 @@ ROOMS: list[tuple[str, list[str]]] = [
     ("src/cosim/system.py", ["cosim.errors", "cosim.units", "cosim.fmu", "cosim.ssp"]),
     ("src/cosim/ssp.py", ["cosim.errors", "cosim.units", "cosim.fmu", "cosim.system", "fmpy", "lxml"]),
     ("src/cosim/results.py", ["cosim.errors", "numpy", "pandas", "pyarrow"]),
-    ("src/cosim/loop.py", ["numba", "numpy", "llvmlite"]),
+    ("src/cosim/loop.py", ["numpy", "llvmlite", "cosim.kernel"]),
+    ("src/cosim/kernel.py", ["cosim.loop", "numba", "numpy", "llvmlite"]),
     (
         "src/cosim/master.py",
         ["cosim.errors", "cosim.fmu", "cosim.system", "cosim.results", "cosim.loop", "numpy", "fmpy"],

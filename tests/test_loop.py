@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import ctypes
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim import loop
+from cosim.kernel import compiled
 
 EXCHANGE = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, ctypes.c_void_p
@@ -94,9 +98,9 @@ class Machine:
                 self.log,
                 np.array([start, h]),
                 self.state,
-                end,
-                last,
-                decimation,
+                end=end,
+                last=last,
+                decimation=decimation,
             )
         )
 
@@ -240,3 +244,29 @@ def test_warnings_are_counted() -> None:
     machine.status = {"set": 1, "step": 1}
     assert machine.run(10)
     assert machine.state[loop.WARNINGS] == 21
+
+
+def in_new_process(code: str, cache: Path) -> str:
+    """What ``code`` prints in a process whose user cache is ``cache`` and whose package folder cannot be written."""
+    start = "import sys; from pathlib import Path; from cosim import loop\n"
+    folders = f"loop._folders = lambda: (Path('/proc/nowhere'), Path({str(cache)!r}))\n"
+    run = subprocess.run([sys.executable, "-c", start + folders + code], capture_output=True, text=True, check=True)
+    return run.stdout
+
+
+def test_machine_code_is_kept_and_loaded_without_numba(tmp_path: Path) -> None:
+    code = "loop._machine_code(); print('numba' in sys.modules)"
+    assert in_new_process(code, tmp_path) == "True\n"
+    (file,) = tmp_path.iterdir()
+    assert in_new_process(code, tmp_path) == "False\n"
+    file.write_bytes(file.read_bytes()[:-100])
+    assert in_new_process(code, tmp_path) == "True\n"
+    assert in_new_process(code, tmp_path) == "False\n"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_machine_code_needs_nothing_from_python(tmp_path: Path) -> None:
+    """No reference counts, no exceptions, no lock: only instructions of the compiler itself."""
+    _, text = compiled()
+    declared = [line for line in text.splitlines() if line.startswith("declare")]
+    assert all("@llvm." in line for line in declared), declared

@@ -1,26 +1,33 @@
 """The compiled inner loop: it calls the FMI functions of loaded libraries by their addresses.
 
 What a step does is data: ``program`` has one row an FMI call, first those at a communication point, then those from
-it to the next. Everything is in arrays of plain numbers, so one compiled version serves every system, and numba keeps
-it on disk (``cache=True``). The loop holds no lock: threads may run systems side by side, and an FMU may call back
-into Python (log messages) while it runs.
+it to the next. Everything is in arrays of plain numbers, so one compiled version serves every system. The loop holds
+no lock: threads may run systems side by side, and an FMU may call back into Python (log messages) while it runs.
 
 ``values`` holds all signals as doubles, the inputs of an instance side by side, and its outputs, so that Real calls
 read and write it in place. Integer and Boolean signals go through ``integers``, which has the same layout.
+
+``kernel`` is compiled with numba once; its machine code is kept on disk and loaded with llvmlite alone, because
+importing numba takes longer than everything else before the first step.
 """
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
+import os
+import sys
+import tempfile
+import threading
 from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
-import numba as _numba
 import numpy as np
-from numba.extending import intrinsic as _intrinsic
+from numpy.typing import NDArray
 
-numba: Any = _numba
-intrinsic: Any = _intrinsic
-ir: Any = import_module("llvmlite.ir")
+llvm: Any = import_module("llvmlite.binding")
 
 PROGRAM_COLUMNS = 11
 COMPONENT, STEP, MULTIPLE, LINKS, LINK, CALL, FUNCTION, REFERENCES, COUNT, BUFFER, SLOT = (
@@ -49,54 +56,23 @@ POINT, ROWS, WARNINGS, FAILED_COMPONENT, FAILED_FUNCTION, FAILED_STATUS = range(
 """Elements of ``state``, which tells Python where the loop is."""
 STATE_LENGTH = 6
 
-
-@intrinsic
-def _exchange(  # noqa: PLR0917 (numba calls by position)
-    typing: Any, function: Any, component: Any, references: Any, count: Any, buffer: Any
-) -> Any:
-    """``fmi2Status function(component, references, count, buffer)``, all given as addresses."""
-    u64 = numba.types.uint64
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64)] * 4)
-        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-
-    return numba.types.int32(u64, u64, u64, u64, u64), generate
+Unsigned = NDArray[np.uint64]
+Reals = NDArray[np.float64]
 
 
-@intrinsic
-def _do_step(typing: Any, function: Any, component: Any, time: Any, step: Any) -> Any:
-    """``fmi2DoStep(component, time, step, fmi2True)`` with the function given as address."""
-    u64, f64 = numba.types.uint64, numba.types.float64
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        real, int32 = ir.DoubleType(), ir.IntType(32)
-        kind = ir.FunctionType(int32, [ir.IntType(64), real, real, int32])
-        call = [*arguments[1:], ir.Constant(int32, 1)]
-        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), call)
-
-    return numba.types.int32(u64, u64, f64, f64), generate
-
-
-@numba.njit(
-    "boolean(uint64[::1], uint64, uint64[::1], float64[::1], float64[::1], float64[::1], int32[::1], uint64[::1], "
-    "float64[:, ::1], float64[::1], int64[::1], int64, int64, int64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
-def advance(  # noqa: PLR0917 (numba calls by position)
-    program: Any,
-    split: Any,
-    sources: Any,
-    factors: Any,
-    offsets: Any,
-    values: Any,
-    integers: Any,
-    recorded: Any,
-    rows: Any,
-    clock: Any,
-    state: Any,
+def advance(  # noqa: PLR0917 (all of it is what the loop works on)
+    program: Unsigned,
+    split: int,
+    sources: Unsigned,
+    factors: Reals,
+    offsets: Reals,
+    values: Reals,
+    integers: NDArray[np.int32],
+    recorded: Unsigned,
+    rows: Reals,
+    clock: Reals,
+    state: NDArray[np.int64],
+    *,
     end: int,
     last: int,
     decimation: int,
@@ -107,75 +83,90 @@ def advance(  # noqa: PLR0917 (numba calls by position)
     to the next. A connection sets ``factor*values[source] + offset``; ``clock`` is start time and step size. ``rows``
     gets the ``recorded`` slots at every ``decimation``-th point. Point ``end`` is left to the next call, except for
     the ``last`` one of the run, from which nothing steps any more.
-
-    Indices are unsigned: numba then adds no code for negative ones.
     """
-    start, step = clock[0], clock[1]
-    width, one = np.uint64(PROGRAM_COLUMNS), np.uint64(1)
-    size, middle = np.uint64(program.size), width * split
-    columns, every = np.uint64(recorded.size), np.uint64(decimation)
-    record = np.uint64(state[ROWS])
-    for k in range(state[POINT], end + 1):
-        if k == end and end != last:
-            break
-        state[POINT] = k
-        at, stop, due = np.uint64(0), middle, np.uint64(k)
-        while True:
-            while at < stop:
-                row = at
-                at += width
-                component, links = program[row + COMPONENT], program[row + LINKS]
-                if program[row + STEP] != 0:
-                    multiple = program[row + MULTIPLE]
-                    begin = np.int64(due - multiple)
-                    status = _do_step(program[row + STEP], component, start + begin * step, np.int64(multiple) * step)
-                    if status != 0:
-                        state[WARNINGS] += 1
-                        if status != 1:
-                            state[FAILED_COMPONENT] = component
-                            state[FAILED_FUNCTION] = DO_STEP
-                            state[FAILED_STATUS] = status
-                            return False
-                if links != 0:
-                    slot, link = program[row + SLOT], program[row + LINK]
-                    values[slot] = factors[link] * values[sources[link]] + offsets[link]
-                    for i in range(one, links):
-                        values[slot + i] = factors[link + i] * values[sources[link + i]] + offsets[link + i]
-                call, count = program[row + CALL], program[row + COUNT]
-                if call > DO_STEP:
-                    if call == GUARD:
-                        if due % program[row + MULTIPLE] != 0:
-                            at += width * count
-                        continue
-                    slot = program[row + SLOT]
-                    for i in range(slot, slot + count):
-                        if call == TO_INTEGER:
-                            integers[i] = np.int32(np.rint(values[i]))
-                        elif call == TO_BOOLEAN:
-                            integers[i] = np.int32(values[i] != 0.0)
-                        else:
-                            values[i] = integers[i]
-                    continue
-                status = _exchange(
-                    program[row + FUNCTION], component, program[row + REFERENCES], count, program[row + BUFFER]
-                )
-                if status != 0:
-                    state[WARNINGS] += 1
-                    if status != 1:
-                        state[FAILED_COMPONENT] = component
-                        state[FAILED_FUNCTION] = call
-                        state[FAILED_STATUS] = status
-                        return False
-            if stop != middle:
-                break
-            if every == one or due % every == 0:
-                for column in range(columns):
-                    rows[record, column] = values[recorded[column]]
-                record += one
-                state[ROWS] = record
-            if k == last:
-                break
-            stop = size
-            due += one
-    state[POINT] = end
-    return True
+    done = _machine_code().function(
+        *(program.ctypes.data, program.size, split),
+        *(array.ctypes.data for array in (sources, factors, offsets, values, integers, recorded)),
+        *(recorded.size, rows.ctypes.data, clock[0], clock[1], state.ctypes.data, end, last, decimation),
+    )
+    return bool(done)
+
+
+class _MachineCode:
+    """The kernel in memory; ``engine`` owns it."""
+
+    SIGNATURE = ctypes.CFUNCTYPE(
+        ctypes.c_int32,
+        *(ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint64),
+        *([ctypes.c_void_p] * 6),
+        *(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p),
+        *(ctypes.c_int64, ctypes.c_int64, ctypes.c_uint64),
+    )
+
+    def __init__(self) -> None:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+        target = llvm.Target.from_default_triple()
+        machine = target.create_target_machine(cpu=cpu, features=features, opt=3, codemodel="jitdefault")
+        sources = b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in ("loop", "kernel"))
+        versions = f"{version('numba')} {llvm.llvm_version_info} {target.triple} {cpu} {features}"
+        key = hashlib.sha256(sources + versions.encode()).hexdigest()[:16]
+        self.name, code = _load(key) or _compile(machine, key)
+        self.engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+        self.engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        self.engine.finalize_object()
+        self.function = self.SIGNATURE(self.engine.get_function_address(self.name))
+
+
+_LOCK = threading.Lock()
+_loaded: list[_MachineCode] = []
+
+
+def _machine_code() -> _MachineCode:
+    with _LOCK:
+        if not _loaded:
+            _loaded.append(_MachineCode())
+        return _loaded[0]
+
+
+def _compile(machine: Any, key: str) -> tuple[str, bytes]:
+    """Name and object code of the kernel; kept under ``key`` where a folder can be written."""
+    name, text = import_module("cosim.kernel").compiled()
+    code = bytes(machine.emit_object(llvm.parse_assembly(text)))
+    content = f"{name}\n".encode() + code
+    for folder in _folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+                file.write(hashlib.sha256(content).digest() + content)
+            os.replace(file.name, folder / f"kernel-{key}.bin")
+        except OSError:
+            continue
+        break
+    return name, code
+
+
+def _load(key: str) -> tuple[str, bytes] | None:
+    """What ``_compile`` has kept under ``key``, None if that is not there or damaged."""
+    for folder in _folders():
+        try:
+            content = (folder / f"kernel-{key}.bin").read_bytes()
+        except OSError:
+            continue
+        digest, content = content[:32], content[32:]
+        if hashlib.sha256(content).digest() == digest:
+            name, _, code = content.partition(b"\n")
+            return name.decode(), code
+    return None
+
+
+def _folders() -> tuple[Path, ...]:
+    """Where machine code is kept: with Python's own compiled files, else in the user's cache."""
+    if sys.platform == "win32":
+        user = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    elif sys.platform == "darwin":
+        user = Path.home() / "Library" / "Caches"
+    else:
+        user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(__file__).with_name("__pycache__"), user / "motion-cosim"

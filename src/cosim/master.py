@@ -775,7 +775,9 @@ class _Run:
         p = self.program
         signals = p.sources, p.factors, p.offsets, p.values, p.integers
         slots, rows, decimation = record
-        if not loop.advance(program, split, *signals, slots, rows, self.clock, self.state, end, last, decimation):
+        if not loop.advance(
+            program, split, *signals, slots, rows, self.clock, self.state, end=end, last=last, decimation=decimation
+        ):
             failed = int(self.state[loop.FAILED_COMPONENT])
             slave = next(slave for slave in self.slaves if slave.component == failed)
             function = loop.FUNCTIONS[int(self.state[loop.FAILED_FUNCTION])]
