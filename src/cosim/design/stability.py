@@ -43,7 +43,7 @@ KEPT = 0.8
 """Share of its size that an oscillation keeps from the third quarter of a run to the last."""
 CROSSINGS = 8
 """Zero crossings of the last quarter that make it an oscillation and not a creep."""
-SCAN = 1.1
+SCAN = 1.15
 """Ratio of neighbouring gains while the limit is not yet passed."""
 PRECISION = 1.005
 """Ratio of the first unstable to the last stable gain at the end of a search."""
