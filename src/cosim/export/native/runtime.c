@@ -76,6 +76,8 @@ static void say(const Instance *instance, fmi2Status status, const char *format,
     va_start(arguments, format);
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
+    for (char *p = text; *p; p++)
+        if (*p == '%') *p = '#'; /* some importers take the message as a format, others print it as it is */
     instance->callbacks.logger(instance->callbacks.componentEnvironment, instance->name, status,
                                category_names[category], text);
 }
