@@ -90,7 +90,7 @@ def test_runs_from_the_reversal_are_runs_from_the_start(native: Path) -> None:
 
 
 def test_start_at_speed_has_no_transient(native: Path) -> None:
-    """The error stays below a um at first (feed-forward begins one sample late); with an empty integrator friction makes many um of it."""
+    """The error stays below a um; with an empty integrator friction makes many um of it."""
     with AxisRuns(read_system(FENG / "circle.toml", fmus=native), Axis.named("x")) as runs:
         runs.errors([(40e-3, [(0.0, 0.0)], 0.1)])
         checkpoint = next(iter(runs._checkpoints.values()))

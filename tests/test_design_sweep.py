@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import distributed
 import numpy as np
 import psutil
 import pytest
@@ -286,6 +287,18 @@ def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(
     assert outcome.failed == 1
     assert "the worker process died" in rows["error"][2]
     assert rows["figure"] == [None if run == 2 else 1.0 for run in range(8)]
+
+
+def test_a_cluster_given_by_its_scheduler_does_the_runs(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    plan = make({"controller.K_P": GAINS})
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
+    )
+    with cluster:
+        outcome = sweep(plan, tmp_path / "data", scheduler=cluster.scheduler_address)
+        sweeps.unload()
+    assert (outcome.runs, outcome.failed, outcome.workers) == (4, 0, 1)
+    assert_complete(tmp_path / "data", plan)
 
 
 def test_no_scheduler_is_said(make: Callable[..., Sweep], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

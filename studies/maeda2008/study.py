@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from cosim import metrics, plots
-from cosim.metrics import Array
+from cosim.design.identify import nct_from_signals
+from cosim.design.stability import oscillation
 from cosim.results import Result
 from cosim.study import (
     Claim,
@@ -105,49 +106,25 @@ def measure_stairs(result: Result, window: Window) -> dict[str, float]:
 
 
 def measure_oscillation(result: Result, window: Window) -> dict[str, float]:
-    """Peak to peak and frequency of the last quarter of the run, and whether it is a sustained oscillation.
-
-    It is if, after removal of the linear trend, the last quarter swings by more than 50 nm, by at least 0.8 times as
-    much as the quarter before, and crosses zero 8 times: a slow creep passes the first two conditions alone.
-    """
-    time, position = result.time[:-1], result["plant.position"][:-1]
-    quarter = len(time) // 4
-
-    def swing(part: slice) -> Array:
-        return position[part] - np.polyval(np.polyfit(time[part], position[part], 1), time[part])
-
-    third, last = swing(slice(-2 * quarter, -quarter)), swing(slice(-quarter, None))
-    crossings = int(np.sum(np.diff(np.sign(last)) != 0))
-    size, before = float(np.ptp(last)), float(np.ptp(third))
-    sustained = size > 50e-9 and size >= 0.8 * before and crossings >= 8
-    return {
-        "swing": size,
-        "swing_frequency": 0.5 * crossings / (quarter * float(time[1] - time[0])),
-        "oscillates": float(sustained),
-    }
+    """Peak to peak and frequency of the last quarter of the run, and whether it is a sustained oscillation."""
+    found = oscillation(result.time[:-1], result["plant.position"][:-1])
+    return {"swing": found.size, "swing_frequency": found.frequency, "oscillates": float(found.sustained)}
 
 
 def measure_pulse(result: Result, window: Window) -> dict[str, float]:
     """Open-loop identification: rest, largest velocity, NCT and where its slope has given values."""
-    time, position, velocity = result.time, result["plant.position"], result["plant.velocity"]
-    top = int(np.argmax(velocity))
-    stop = top + int(np.argmax(velocity[top:] <= 0.0))
-    part = velocity[stop - 1] / (velocity[stop - 1] - velocity[stop])
-    stop_position = position[stop - 1] + part * (position[stop] - position[stop - 1])
-    error = (stop_position - position[top:stop])[::-1]
-    slope = velocity[top:stop][::-1] / error
+    signals = result.time, result["plant.command"], result["plant.position"], result["plant.velocity"]
+    nct = nct_from_signals(*signals, e_lin=E_LIN)
     numbers = {
-        "rest": float(position[-1]),
-        "stop": float(stop_position),
-        "top_velocity": float(velocity[top]),
-        "reach": float(stop_position - position[top]),
-        "inclination": float(np.interp(E_LIN, error, velocity[top:stop][::-1])) / E_LIN,
-        "gain": float(position[-1]) / float(np.sum(result["plant.command"][:-1]) * (time[1] - time[0])),
+        "rest": nct.rest,
+        "stop": nct.stop,
+        "top_velocity": nct.h_max,
+        "reach": nct.reach,
+        "inclination": nct.alpha,
+        "gain": nct.K,
     }
     for alpha in (250.0, 505.0, 1010.0):
-        above = int(np.flatnonzero(slope >= alpha)[-1])
-        fraction = (slope[above] - alpha) / (slope[above] - slope[above + 1])
-        numbers[f"linear_{alpha:g}"] = float(error[above] + fraction * (error[above + 1] - error[above]))
+        numbers[f"linear_{alpha:g}"] = nct_from_signals(*signals, alpha=alpha).e_lin
     return numbers
 
 
