@@ -131,7 +131,7 @@ def add_commands(commands: Any) -> None:
         "--monitor", action="store_true", help="compare J with DIR/AXIS.json; learn anew above 1.5 times"
     )
     pulse.add_argument("--set", action="extend", nargs="+", default=[], metavar="INST.VAR=VALUE", dest="values")
-    pulse.add_argument("--workers", type=int, default=2, metavar="N", help="threads (default: 2)")
+    pulse.add_argument("--workers", type=int, default=1, metavar="N", help="threads (default: 1; runs are short)")
     pulse.add_argument("--plot", type=Path, metavar="FILE", help="draw the tables")
     _common(pulse, _learn)
 
