@@ -229,6 +229,15 @@ def test_margins_of_a_known_loop() -> None:
     ).stable
 
 
+def test_a_constant_of_motion_does_not_count_as_unstable_but_a_hidden_growth_does() -> None:
+    """The loop of the test above beside a state that nothing drives and whose value the output adds."""
+    for hidden, stable in ((1.0, True), (1.1, False)):
+        A, B = np.array([[1.0, 0.0], [0.0, hidden]]), np.array([[1.0], [0.0]])
+        found = margins(StateSpace(A, B, np.array([[0.5, 1.0]]), np.zeros((1, 1)), T_s=0.1))
+        assert found.stable is stable
+        assert found.spectral_radius == pytest.approx(0.5 if stable else hidden)
+
+
 def test_realization_of_a_known_response() -> None:
     k = np.arange(61)
     markov = np.where(k == 0, 2.0, 3.0 * 0.8 ** np.maximum(k - 1, 0) + 1.0)

@@ -152,7 +152,8 @@ def add_commands(commands: Any) -> None:
         help="state space of an instance, margins of its loop",
         description="State space of an FMU, or of an instance of a system at a time of its run; margins of the loop.",
         epilog="Example: cosim linearize studies/maeda2008/step.toml --instance plant --at 0 "
-        "--set trajectory.amplitude=1e-7 --inputs command --outputs position --margins --plot bode.png",
+        "--set trajectory.amplitude=1e-7 controller.sensor_resolution=0 --inputs command --outputs position "
+        "--margins --plot bode.png",
     )
     linearize.add_argument("source", metavar="FMU|SYSTEM", help="an .fmu or a system file")
     linearize.add_argument("--instance", default="plant", metavar="NAME", help="of the system (default: plant)")
@@ -526,7 +527,8 @@ def _linearize(options: argparse.Namespace) -> int:
             rows.append((name, *(f"{float(value):.6g}" for value in (*left[i], *right[i]))))
     _show(options, content, rows, f"{options.source} at {at:g} s")
     if found is not None and not options.json:
-        margins = [("stable", "yes" if found.stable else "no")]
-        margins += [(name, f"{value:.6g}") for name, value in vars(found).items() if name != "stable"]
-        _show(options, {}, [("Margin", ""), *margins], f"Loop with {options.controller}")
+        units = {"gain_frequency": "rad/s", "phase": "rad", "crossover": "rad/s", "delay": "s"}
+        rows = [("Margin", "", ""), ("stable", "yes" if found.stable else "no", "")]
+        rows += [(name, f"{value:.6g}", units.get(name, "")) for name, value in vars(found).items() if name != "stable"]
+        _show(options, {}, rows, f"Loop with {options.controller}")
     return 0

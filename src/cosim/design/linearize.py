@@ -257,12 +257,28 @@ def series(controller: StateSpace, plant: StateSpace) -> StateSpace:
     return StateSpace(A, B, C, plant.D @ controller.D, T_s=plant.T_s)
 
 
+def spectral_radius(A: Array, B: Array, C: Array) -> float:
+    """Largest magnitude of the eigenvalues of ``A``, constants of motion left out.
+
+    An eigenvalue of magnitude 1 that ``B`` does not excite or ``C`` does not show is one: bristle, deflection and
+    position of a stage at rest, for instance, obey a linear relation for ever.
+    """
+    from scipy import linalg as _linalg
+
+    linalg: Any = _linalg
+    values, left, right = linalg.eig(A, left=True)
+    share = np.abs(C @ right).max(axis=0) * np.abs(left.conj().T @ B).max(axis=1)
+    share /= np.abs((left.conj() * right).sum(axis=0))
+    hidden = (share < 1e-9 * share.max()) & (np.abs(values) < 1.0 + 1e-9)
+    return float(np.max(np.abs(values[~hidden])))
+
+
 def margins(loop: StateSpace) -> Margins:
     """Margins of the sampled loop L, closed with negative feedback."""
     if loop.T_s is None:
         raise DescriptionError("margins of a sampled loop need a sampled model: give one with T_s.")
     closed = loop.A - loop.B @ loop.C / (1.0 + float(loop.D[0, 0]))
-    radius = float(np.max(np.abs(np.linalg.eigvals(closed))))
+    radius = spectral_radius(closed, loop.B, loop.C)
     omega = np.geomspace(1e-4, 1.0, FREQUENCIES) * math.pi / loop.T_s
     L = loop.response(omega)[:, 0, 0]
     size, angle = np.abs(L), np.unwrap(np.angle(L))
