@@ -82,6 +82,8 @@ class Panel:
     log: bool = False
     limit: float | None = None
     """The axis ends at plus and minus this; what is cut off is told above the panel."""
+    heading: str = ""
+    """Said above the panel, on the left."""
 
 
 def display_unit(unit: str, peak: float) -> tuple[str, float]:
@@ -168,6 +170,8 @@ def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
         axes.set_title(f"cut off: up to {peak * factor:.3g} {typeset(unit)}", fontsize=8.0, color="#666666")
     axes.set_ylabel(f"{panel.quantity} [{typeset(unit)}]" if unit != "1" else panel.quantity)
     axes.margins(x=0.0)
+    if panel.heading:
+        axes.set_title(panel.heading, loc="left")
     if len(panel.series) > 1:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=min(len(panel.series), 4), borderaxespad=0.0)
     elif panel.series and panel.series[0].label:
@@ -203,7 +207,8 @@ def plot_panels(
             _draw_panel(axes, panel, x_unit)
             if i + columns >= len(panels):
                 peak = _peak([series.x for series in panel.series])
-                axes.set_xlabel(f"{x_quantity} [{typeset(display_unit(x_unit, peak)[0])}]")
+                unit = display_unit(x_unit, peak)[0]
+                axes.set_xlabel(f"{x_quantity} [{typeset(unit)}]" if unit != "1" else x_quantity)
             else:
                 axes.tick_params(labelbottom=False)
 

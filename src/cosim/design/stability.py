@@ -471,7 +471,7 @@ def plot_limit_map(found: LimitMap, path: Path) -> None:
         w: NDArray[np.float64] = np.array([point.W for point in points])
         panels.append(
             Panel(
-                f"Damping ratio ({name}, K_Pu = {gain:.4g})",
+                "Damping ratio",
                 "1",
                 (
                     Series("simulated", w, np.array([point.found for point in points]), 0),
@@ -479,6 +479,7 @@ def plot_limit_map(found: LimitMap, path: Path) -> None:
                     Series("linear", w, np.array([point.linear for point in points]), 2, dashed=True),
                 ),
                 log=True,
+                heading=f"{name}: K_Pu = {gain:.4g}",
             )
         )
     plot_panels(
