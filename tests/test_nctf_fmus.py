@@ -43,7 +43,7 @@ VERDICTS: dict[str, dict[str, Status]] = {
         "M12": "reproduced",
         "M13": "reproduced",
         "M14b": "not reproduced",
-        "M15": "not checkable",
+        "M15": "order only",
         "N11d": "order only",
     },
     "purtojo2015": {
