@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from cosim.model import Choice, Controller, Experiment, Record, exp, parameter, variable, where
-from fmus.physics.sampling import VelocitySource, velocity_estimate
+from fmus.physics.sampling import VelocitySource, measured_velocity
 
 
 class ForceTiming(Choice):
@@ -71,16 +71,7 @@ class DisturbanceObserver(Controller):
         velocity_estimate: float = variable(0.0, "m/s", "Measured velocity used", nominal=1e-6, display_unit="um/s")
 
     def output(self, t: float, x: State, u: Input) -> Output:
-        velocity = velocity_estimate(
-            self.velocity_source,
-            x.started,
-            u.position,
-            u.velocity,
-            position_last=x.position_last,
-            velocity_last=x.velocity_last,
-            T_s=self.T_s,
-            filter_time=self.velocity_filter_time,
-        )
+        velocity = measured_velocity(self, x, u)
         momentum_rate = self.g * self.m_hat * velocity
         filtered = (
             x.y if self.force_timing is ForceTiming.present else self.filtered(x.y, x.force_last, x.velocity_last)

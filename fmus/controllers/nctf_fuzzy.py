@@ -14,7 +14,7 @@ from fmus.physics.nct import (
     rule_heights,
     singleton_mean,
 )
-from fmus.physics.sampling import VelocitySource, saturate, velocity_estimate
+from fmus.physics.sampling import VelocitySource, measured_velocity, saturate
 
 
 class Variant(Choice):
@@ -105,16 +105,7 @@ class NctfFuzzy(Controller):
         )
 
     def output(self, t: float, x: State, u: Input) -> Output:
-        velocity = velocity_estimate(
-            self.velocity_source,
-            x.started,
-            u.position,
-            u.velocity,
-            position_last=x.position_last,
-            velocity_last=x.velocity_last,
-            T_s=self.T_s,
-            filter_time=self.velocity_filter_time,
-        )
+        velocity = measured_velocity(self, x, u)
         error = u.position_ref - u.position
         rate = root_nct_rate(error, alpha=self.alpha, e_1=self.e_1, A=self.A, h_max=self.h_max)
         u_p = rate - velocity

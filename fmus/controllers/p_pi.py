@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from cosim.model import Controller, Experiment, Record, parameter, variable, where
-from fmus.physics.sampling import VelocitySource, saturate, velocity_estimate, winds_up
+from fmus.physics.sampling import VelocitySource, measured_velocity, saturate, winds_up
 
 
 class PPi(Controller):
@@ -63,16 +63,7 @@ class PPi(Controller):
         velocity_estimate: float = variable(0.0, "m/s", "Measured velocity used", nominal=1e-6, display_unit="um/s")
 
     def output(self, t: float, x: State, u: Input) -> Output:
-        velocity = velocity_estimate(
-            self.velocity_source,
-            x.started,
-            u.position,
-            u.velocity,
-            position_last=x.position_last,
-            velocity_last=x.velocity_last,
-            T_s=self.T_s,
-            filter_time=self.velocity_filter_time,
-        )
+        velocity = measured_velocity(self, x, u)
         error = u.position_ref - u.position
         beta = self.K_v * error + u.velocity_ref - velocity
         feed_forward = self.m_hat * u.acceleration_ref + self.b_hat * velocity

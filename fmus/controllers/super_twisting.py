@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from cosim.model import Choice, Controller, Experiment, Record, parameter, sign, sqrt, variable, where
-from fmus.physics.sampling import VelocitySource, saturate, velocity_estimate, winds_up
+from fmus.physics.sampling import VelocitySource, measured_velocity, saturate, winds_up
 
 
 class Switching(Choice):
@@ -81,16 +81,7 @@ class SuperTwisting(Controller):
         velocity_estimate: float = variable(0.0, "m/s", "Measured velocity used", nominal=1e-6, display_unit="um/s")
 
     def output(self, t: float, x: State, u: Input) -> Output:
-        velocity = velocity_estimate(
-            self.velocity_source,
-            x.started,
-            u.position,
-            u.velocity,
-            position_last=x.position_last,
-            velocity_last=x.velocity_last,
-            T_s=self.T_s,
-            filter_time=self.velocity_filter_time,
-        )
+        velocity = measured_velocity(self, x, u)
         error = u.position_ref - u.position
         S = u.velocity_ref - velocity + self.mu * error + self.lambda_ * x.integral_error
         off_surface = abs(S) > 0.0

@@ -13,6 +13,8 @@ Advanced PID Control, ISA, 2006, sec. 3.5.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from cosim.model import Choice, both, clip, exp, where
 
 
@@ -52,6 +54,51 @@ def velocity_estimate(
     pole = filter_pole(T_s, filter_time)
     difference = pole * velocity_last + (1.0 - pole) * (position - position_last) / T_s
     return where(started > 0.5, difference, velocity)
+
+
+class Sampled(Protocol):
+    """A controller that measures its velocity."""
+
+    @property
+    def T_s(self) -> float: ...
+    @property
+    def velocity_source(self) -> VelocitySource: ...
+    @property
+    def velocity_filter_time(self) -> float: ...
+
+
+class Memory(Protocol):
+    """Its state, see above."""
+
+    @property
+    def started(self) -> float: ...
+    @property
+    def position_last(self) -> float: ...
+    @property
+    def velocity_last(self) -> float: ...
+
+
+class Measurement(Protocol):
+    """Its inputs."""
+
+    @property
+    def position(self) -> float: ...
+    @property
+    def velocity(self) -> float: ...
+
+
+def measured_velocity(controller: Sampled, x: Memory, u: Measurement) -> float:
+    """``velocity_estimate`` of a controller with the parameters, states and inputs of these names."""
+    return velocity_estimate(
+        controller.velocity_source,
+        x.started,
+        u.position,
+        u.velocity,
+        position_last=x.position_last,
+        velocity_last=x.velocity_last,
+        T_s=controller.T_s,
+        filter_time=controller.velocity_filter_time,
+    )
 
 
 def saturate(command: float, command_max: float) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 
 from cosim.model import Choice, Controller, Record, clip, parameter, sign, variable, where
 from fmus.physics.lugre import friction, friction_level, observer_step
-from fmus.physics.sampling import VelocitySource, velocity_estimate, winds_up
+from fmus.physics.sampling import VelocitySource, measured_velocity, winds_up
 
 
 class FrictionVelocity(Choice):
@@ -71,16 +71,7 @@ class SlidingController(Controller):
 
     def measured_velocity(self, x: State, u: Input) -> float:
         """Velocity of the table [m/s]."""
-        return velocity_estimate(
-            self.velocity_source,
-            x.started,
-            u.position,
-            u.velocity,
-            position_last=x.position_last,
-            velocity_last=x.velocity_last,
-            T_s=self.T_s,
-            filter_time=self.velocity_filter_time,
-        )
+        return measured_velocity(self, x, u)
 
     def errors(self, x: State, u: Input) -> tuple[float, float, float]:
         """Position error e [rad], its rate [rad/s] and its integral xi [rad.s]."""

@@ -29,7 +29,7 @@ from . import metrics
 from .errors import CosimError, DescriptionError, SimulationError, suggest
 from .master import simulate
 from .results import Result
-from .system import read_system
+from .system import read_system, study_folders
 
 Status = Literal["reproduced", "fitted", "order only", "not reproduced", "not checkable", "not run"]
 """``fitted``: it holds with values chosen to make it hold. ``order only``: the figure differs, the order of the
@@ -298,12 +298,6 @@ def tracking(result: Result, window: tuple[float, float]) -> dict[str, float]:
             numbers[f"{prefix}command_end"] = float(command[-1])
             numbers[f"{prefix}command_tv"] = metrics.total_variation(time, command)
     return numbers
-
-
-def study_folders() -> tuple[Path, ...]:
-    """Where studies are looked for: beside the package's source tree, then inside the installed package."""
-    package = Path(__file__).resolve().parent
-    return (package.parents[1] / "studies", package / "studies")
 
 
 def known_studies() -> dict[str, Path]:

@@ -841,10 +841,15 @@ def find_fmus(folder: Path) -> Path | None:
     return next((place for place in (_PACKAGE / "fmus",) if place.is_dir()), None)
 
 
+def study_folders() -> tuple[Path, ...]:
+    """Where studies are looked for: beside the package's source tree, then inside the installed package."""
+    return (_PACKAGE.parents[1] / "studies", _PACKAGE / "studies")
+
+
 def shipped_systems() -> dict[str, Path]:
     """System files that come with the project: ``study/system`` -> path."""
     found: dict[str, Path] = {}
-    for place in (_PACKAGE.parents[1] / "studies", _PACKAGE / "studies"):
+    for place in study_folders():
         for path in sorted(place.glob("*/*.toml")):
             found.setdefault(f"{path.parent.name}/{path.stem}", path)
     return found

@@ -240,7 +240,7 @@ def trace(kind: type[Component]) -> Trace:
             f"{kind.__name__}: {len(combinations)} combinations of bool and Choice parameters, at most "
             f"{MAX_VARIANTS} are traced. Make some of them numbers."
         )
-    printer = _Printer(kind.__name__)
+    printer = _Printer()
     variants: list[tuple[str, ...]] = []
     rules: tuple[str, ...] = ()
     collected: list[_Variant] = []
@@ -380,8 +380,7 @@ def _dense(matrix: Any) -> list[Any]:
 class _Printer:
     """Prints functions as C, equal ones once."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self) -> None:
         self.known: dict[str, str] = {}
         self.n_constants = 0
 
