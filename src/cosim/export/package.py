@@ -24,10 +24,12 @@ from typing import Literal
 from ..errors import CosimError, DescriptionError, suggest
 from ..model import Component
 from .embed import BINARIES, PROXY, library, resources
+from .layout import Fmi
 
-Flavour = Literal["native", "python"]
+Flavour = Literal["native", "python", "fmi3"]
+"""FMI 2.0 native and with PythonFMU, FMI 3.0 native; also the names of the folders of each."""
 NATIVE = Path(__file__).with_name("native")
-RUNTIME = ("fmi2.h", "integrator.c", "integrator.h", "runtime.c")
+RUNTIME = ("core.c", "integrator.c", "integrator.h")
 SOURCES = ("model.c",)
 LIBRARIES = {"model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (
@@ -54,6 +56,14 @@ TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "aarch64-darwin": (("aarch64-macos.11.0",), ".dylib"),
 }
 """Platform folder of an FMU -> compiler targets (two make a universal binary) and file ending."""
+TUPLES: Mapping[str, tuple[str, ...]] = {
+    "linux64": ("x86_64-linux",),
+    "win64": ("x86_64-windows",),
+    "darwin64": ("x86_64-darwin", "aarch64-darwin"),
+    "aarch64-linux": ("aarch64-linux",),
+    "aarch64-darwin": ("aarch64-darwin",),
+}
+"""The folders of FMI 3.0 for the platforms of ``TARGETS``."""
 
 
 class BuildError(CosimError):
@@ -174,40 +184,48 @@ def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple
     if str(workspace.root) not in sys.path:
         sys.path.insert(0, str(workspace.root))
     kind = workspace.component(name)
-    if flavour == "native":
-        target = build(kind, output, workspace.cache, platforms)
-    else:
+    if flavour == "python":
         target = build_python(kind, output, workspace.cache, platforms, workspace.root)
+    else:
+        target = build(kind, output, workspace.cache, platforms, 3 if flavour == "fmi3" else 2)
     workspace.remember(name, platforms, target, flavour)
     return time.perf_counter() - start
 
 
-def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = ()) -> Path:
-    """Export ``kind`` as a native FMI 2.0 co-simulation FMU; returns the path of ``output/NAME.fmu``.
+def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = (), fmi: Fmi = 2) -> Path:
+    """Export ``kind`` as a native co-simulation FMU of FMI 2.0 or 3.0; returns the path of ``output/NAME.fmu``.
 
     ``platforms`` are keys of ``TARGETS``, by default this machine's. ``cache`` keeps compiled binaries.
     Raises TraceError for equations that cannot be traced, BuildError for C that does not compile.
     """
     from .code import model_c
     from .description import build_description, documentation, model_description
+    from .description3 import model_description3
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
     traced = trace(kind)
-    blank = model_description(traced, "", version, sources=SOURCES) + model_c(traced, "").encode()
-    runtime = {name: (NATIVE / name).read_bytes() for name in RUNTIME}
-    guid = _guid(blank, *runtime.values())
-    sources = {"model.c": model_c(traced, guid).encode(), **runtime}
+
+    def described(guid: str) -> bytes:
+        if fmi == 3:
+            return model_description3(traced, guid, version)
+        return model_description(traced, guid, version, sources=SOURCES)
+
+    names = sorted((*RUNTIME, f"fmi{fmi}.c", f"fmi{fmi}.h"))
+    runtime = {name: (NATIVE / name).read_bytes() for name in names}
+    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *runtime.values())
+    sources = {"model.c": model_c(traced, guid, fmi).encode(), **runtime}
     licence = (Path(__file__).parents[3] / "LICENSE").read_bytes()
     files = {
-        "modelDescription.xml": model_description(traced, guid, version, sources=SOURCES),
+        "modelDescription.xml": described(guid),
         "documentation/index.html": documentation(traced, version),
         "documentation/licenses/license.txt": licence,
         "sources/buildDescription.xml": build_description(kind, SOURCES),
         **{f"sources/{name}": content for name, content in sources.items()},
     }
     for name in platforms or (host_platform(),):
-        files[f"binaries/{name}/{kind.__name__}{TARGETS[name][1]}"] = compile_binary(sources, name, cache)
+        for folder in TUPLES[name] if fmi == 3 else (name,):
+            files[f"binaries/{folder}/{kind.__name__}{TARGETS[name][1]}"] = compile_binary(sources, name, cache)
     target = output / f"{kind.__name__}.fmu"
     write_zip(target, files)
     return target
