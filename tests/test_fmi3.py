@@ -311,11 +311,12 @@ def test_adjoint_and_directional_derivatives_are_one_matrix(fmi3: Path, name: st
     with Instance(fmi3 / f"{name}.fmu") as fmu:
         fmu.initialize()
         fmu.set(excitation(fmu.names("input"), 3))
-        unknowns, knowns = fmu.references(fmu.names("output")), fmu.references(fmu.names("input"))
+        names = [*fmu.names("output"), *(name for name in fmu.variables if name.startswith("der("))]
+        unknowns, knowns = fmu.references(names), fmu.references(fmu.names("input"))
         columns = [fmu.fmu.getDirectionalDerivative(unknowns, [known], [1.0]) for known in knowns]
         rows = [fmu.fmu.getAdjointDerivative([unknown], knowns, [1.0], len(knowns)) for unknown in unknowns]
         assert np.array_equal(np.array(columns).T, np.array(rows))
-        assert np.any(np.array(columns)) == (name == "PPi")  # a plant's outputs depend on states only
+        assert np.any(np.array(columns))
 
 
 # ---- refusals ----

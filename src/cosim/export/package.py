@@ -201,6 +201,7 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     from .code import model_c
     from .description import build_description, documentation, model_description
     from .description3 import model_description3
+    from .terminals import terminals_and_icons
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
@@ -220,6 +221,7 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
         "modelDescription.xml": described(guid),
         "documentation/index.html": documentation(traced, version),
         "documentation/licenses/license.txt": licence,
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
         "sources/buildDescription.xml": build_description(kind, SOURCES),
         **{f"sources/{name}": content for name, content in sources.items()},
     }
@@ -240,6 +242,7 @@ def build_python(
     ``fmus``. Raises TraceError, as dependencies come from the trace, EmbedError and BuildError.
     """
     from .description import documentation, model_description
+    from .terminals import terminals_and_icons
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
@@ -256,6 +259,7 @@ def build_python(
         "documentation/index.html": documentation(traced, version, native=False),
         "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
         "resources/guid.txt": guid.encode(),
         **{f"resources/{path}": content for path, content in embedded.items()},
     }
