@@ -397,8 +397,9 @@ static int refused(Instance *instance, unsigned reference, double value, const c
 static int set(Instance *instance, unsigned reference, double value, const char *function) {
     State *s = &instance->s;
     const int status = refused(instance, reference, value, function);
-    const double previous = s->v[reference];
+    double previous;
     if (status != OK) return status;
+    previous = s->v[reference];
     s->v[reference] = value;
     touch(s);
     if (variables[reference].role == INPUT) return OK;
