@@ -1,21 +1,5 @@
-/* Calls the functions of an FMI 3.0 FMU at random, with random arguments: whatever an importer does, it gets a status.
-   Compiled with the FMU's model.c (-I its sources) and a sanitizer; the arguments are the number of runs and a seed. */
-#include "model.c"
-
-enum { CALLS = 200, ROOM = 600 };
-
-static unsigned long long state;
-
-static unsigned pick(unsigned n) { /* 0 ... n - 1 */
-    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
-    return (unsigned)(state >> 33) % n;
-}
-
-static double number(void) {
-    static const double odd[] = {NAN, INFINITY, -1e300, 0.0, 1e-3, 1e-5};
-    const unsigned i = pick(9);
-    return i < 6 ? odd[i] : (double)pick(2000000) / 1e6 - 1.0;
-}
+/* Calls the functions of an FMI 3.0 FMU at random, see fuzz.h. */
+#include "fuzz.h"
 
 static void take(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message) {
     (void)environment;
@@ -102,8 +86,7 @@ static fmi3Status call(fmi3Instance c, fmi3FMUState *saved, double *time) {
 
 int main(int count, char **arguments) {
     long numbers[fmi3Fatal] = {0};
-    const long runs = count > 1 ? atol(arguments[1]) : 100;
-    state = count > 2 ? (unsigned long long)atol(arguments[2]) : 1;
+    const long runs = runs_of(count, arguments);
     for (long run = 0; run < runs; run++) {
         const bool exchange = pick(3) == 0, events = pick(2) == 0, logging = pick(2) == 0;
         const fmi3String token = pick(50) ? MODEL_GUID : "another";
