@@ -52,6 +52,8 @@ Order = Literal["sequential", "parallel"] | tuple[str, ...]
 FMU_FOLDER = Path("build") / "fmus" / "native"
 
 _PACKAGE = Path(__file__).resolve().parent
+PREBUILT = _PACKAGE / "prebuilt"
+"""FMUs that come with the installed package; a checkout has none there."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _ARROW = re.compile(r"\s*(\S+)\s*->\s*(\S+)\s*")
@@ -838,7 +840,7 @@ def find_fmus(folder: Path) -> Path | None:
         for place in (start, *start.parents):
             if (place / FMU_FOLDER).is_dir():
                 return place / FMU_FOLDER
-    return next((place for place in (_PACKAGE / "fmus",) if place.is_dir()), None)
+    return PREBUILT if PREBUILT.is_dir() else None
 
 
 def study_folders() -> tuple[Path, ...]:
