@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test lint fmus study bench conformance platforms clean
+.PHONY: demo test lint fmus wheel study bench conformance platforms clean
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
@@ -19,6 +19,11 @@ lint: $(INSTALLED)
 
 fmus: $(INSTALLED)
 	$(BIN)/python build_fmus.py
+
+# wheel with the FMUs of all platforms, and sdist; the first compilation for Windows takes minutes
+wheel: $(INSTALLED)
+	$(BIN)/python build_fmus.py --platform all --output build/fmus/release
+	$(BIN)/hatchling build --directory build/dist
 
 study: fmus
 	for name in $(notdir $(wildcard studies/*)); do \
