@@ -247,16 +247,12 @@ def _system(options: argparse.Namespace) -> System:
 
 
 def _system_path(text: str) -> Path:
-    from .system import shipped_systems
+    from .system import shipped_file, shipped_systems
 
-    if Path(text).exists():
-        return Path(text)
-    shipped = shipped_systems()
-    if text in shipped:
-        return shipped[text]
-    if text.endswith((".toml", ".ssp", ".ssd")):
-        return Path(text)
-    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped)}")
+    path = shipped_file(text)
+    if path.exists() or text.endswith((".toml", ".ssp", ".ssd")):
+        return path
+    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped_systems())}")
 
 
 def _check(options: argparse.Namespace) -> int:
