@@ -38,6 +38,7 @@ conformance: $(INSTALLED)
 	$(BIN)/python build_fmus.py --flavour both
 	test -x build/importers/bin/python || $(PYTHON) -m venv build/importers
 	build/importers/bin/python -m pip install --quiet --requirement tests/importers/requirements.txt
+	$(BIN)/python -m pytest tests/importers/follow.py
 	$(BIN)/python -m tests.importers.conform --python build/importers/bin/python
 
 # win64 under wine, aarch64-linux under qemu (Debian: wine, qemu-user, libc6-arm64-cross)

@@ -573,7 +573,8 @@ def _list(options: argparse.Namespace) -> int:
     common = set[str]().union(*platforms).intersection(*platforms)
     where = f"in {folder}, installed with cosim" if folder == PREBUILT else f"in {folder}"
     suited = f", for {', '.join(sorted(common))}" if common else ""
-    console.print(f"[bold]FMUs[/] {escape(where + suited)}" if fmus else "No FMUs found. Build them, or give --fmus.")
+    heading = f"[bold]FMUs[/] {escape(where + suited)}" if fmus else "No FMUs found. Build them, or give --fmus."
+    console.print(heading, soft_wrap=True)
     table = Table.grid(padding=(0, 2))
     for plain in (True, True, True, True, False):
         table.add_column(no_wrap=plain)

@@ -1,0 +1,34 @@
+"""All of docs/use-in-your-tool.md that can be followed here; ``make conformance`` runs it.
+
+Not part of the normal suite: the tools are those of requirements.txt, in build/importers.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from .conform import ROOT
+from .page import PAGE, Block, blocks, follow
+
+IMPORTERS = ROOT / "build" / "importers" / "bin"
+BLOCKS = blocks(PAGE.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def followed(native: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[Block, str]:
+    assert IMPORTERS.is_dir(), f"{IMPORTERS} is missing. Run make conformance."
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "build" / "fmus").mkdir(parents=True)
+    (folder / "build" / "fmus" / "native").symlink_to(native)
+    (folder / "user").mkdir()
+    return dict(follow(BLOCKS, folder / "user", {"run": Path(sys.executable).parent, "run-importers": IMPORTERS}))
+
+
+@pytest.mark.parametrize(
+    "block", [b for b in BLOCKS if b.mark.startswith("run")], ids=lambda b: f"{b.section}, line {b.line}"
+)
+def test_block(followed: dict[Block, str], block: Block) -> None:
+    assert followed[block] == ""
