@@ -43,7 +43,7 @@ conformance: $(INSTALLED)
 
 # win64 under wine, aarch64-linux under qemu (Debian: wine, qemu-user, libc6-arm64-cross)
 platforms: $(INSTALLED)
-	$(BIN)/python -m pytest tests/importers/platforms.py -rs
+	$(BIN)/python -m pytest tests/importers/platforms.py tests/importers/binaries.py -rs
 
 clean:
 	rm -rf build .pytest_cache .ruff_cache .hypothesis
