@@ -131,6 +131,10 @@ def test_installed_wheel_runs_a_shipped_system_and_one_of_the_user(installed: di
     assert json.loads(cosim("run", "mine.toml", "--json", "--output", "run.csv"))["steps"] == 100
     assert "Copied" in cosim("fmus", "copy", "mine", "BallscrewStage")
     assert (tmp_path / "mine" / "BallscrewStage.fmu").is_file()
+    command = [sys.executable, "-m", "cosim.cli", "tune", "studies/maeda2008/tunings/step_1mm.toml"]
+    done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "error: scipy is not installed, and this command needs it: install motion-cosim[tools].\n"
     code = "import cosim, fmus; print(cosim.__file__); import casadi"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env=installed, capture_output=True, text=True, check=False

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 MAX_SHOWN_MESSAGES = 20
 PIPE_WIDTH = 140
 """Width of tables that go to a file or a pipe."""
+TOOLS = ("control", "distributed", "scipy")
+"""Packages of the extra ``tools``, which design tools need."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,6 +57,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CosimError as error:
         _complain(str(error))
         return 1
+    except ModuleNotFoundError as error:
+        if error.name not in TOOLS:
+            raise
+        _complain(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
+        return 2
     except KeyboardInterrupt:
         _complain("Interrupted.")
         return 130
