@@ -5,6 +5,8 @@ Not part of the normal suite: the tools are those of requirements.txt, in build/
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -32,3 +34,16 @@ def followed(native: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[Blo
 )
 def test_block(followed: dict[Block, str], block: Block) -> None:
     assert followed[block] == ""
+
+
+def test_versions_of_the_page_are_those_followed() -> None:
+    claimed = {
+        (name, version)
+        for line in re.findall(r"^\*Followed literally here: (.*?)\*", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+        for name, version in re.findall(r"([\w-]+) (\d[\d.]*\d)", line)
+    }
+    names = sorted(name for name, _ in claimed)
+    code = f"from importlib.metadata import version\nprint(*(version(name) for name in {names}))"
+    done = subprocess.run([IMPORTERS / "python", "-c", code], capture_output=True, text=True, check=True)
+    assert claimed == set(zip(names, done.stdout.split(), strict=True))
+    assert len(claimed) >= 6
