@@ -17,7 +17,7 @@ from markdown_it import MarkdownIt
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "use-in-your-tool.md"
 TOLERANCE = 0.02
-"""The swing of a delayed loop differs from tool to tool by 1 %; the figures the page tells apart differ by 40 %."""
+"""The swing of a delayed loop differs from tool to tool by 1 %; the figures that the page tells apart differ by 15 % or more."""
 
 
 @dataclass(frozen=True)
