@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from .conform import ROOT
-from .page import PAGE, Block, blocks, follow
+from .page import PAGE, Block, blocks, follow, user_folder
 
 IMPORTERS = ROOT / "build" / "importers" / "bin"
 BLOCKS = blocks(PAGE.read_text(encoding="utf-8"))
@@ -22,11 +22,8 @@ BLOCKS = blocks(PAGE.read_text(encoding="utf-8"))
 @pytest.fixture(scope="module")
 def followed(native: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[Block, str]:
     assert IMPORTERS.is_dir(), f"{IMPORTERS} is missing. Run make conformance."
-    folder = tmp_path_factory.mktemp("page")
-    (folder / "build" / "fmus").mkdir(parents=True)
-    (folder / "build" / "fmus" / "native").symlink_to(native)
-    (folder / "user").mkdir()
-    return dict(follow(BLOCKS, folder / "user", {"run": Path(sys.executable).parent, "run-importers": IMPORTERS}))
+    folder = user_folder(tmp_path_factory.mktemp("page"), native)
+    return dict(follow(BLOCKS, folder, {"run": Path(sys.executable).parent, "run-importers": IMPORTERS}))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from markdown_it import MarkdownIt
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "use-in-your-tool.md"
 TOLERANCE = 0.02
-"""The swing of a delayed loop differs from tool to tool by 1 %; the figures that the page tells apart differ by 15 % or more."""
+"""A delayed loop differs from tool to tool by 1 %, the figures that the page tells apart by 15 % or more."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,14 @@ def blocks(text: str) -> list[Block]:
                 last = found.pop()
                 found.append(Block(**{**vars(last), "expected": tuple(token.content.splitlines())}))
     return found
+
+
+def user_folder(place: Path, native: Path) -> Path:
+    """An empty folder below which the native FMUs are found."""
+    (place / "build" / "fmus").mkdir(parents=True)
+    (place / "build" / "fmus" / "native").symlink_to(native)
+    (place / "user").mkdir()
+    return place / "user"
 
 
 def follow(chosen: Sequence[Block], folder: Path, programs: Mapping[str, Path]) -> Iterator[tuple[Block, str]]:

@@ -5,18 +5,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from .page import PAGE, alike, blocks, follow, missing
+from .page import PAGE, alike, blocks, follow, missing, user_folder
 
 FIGURES = 6
 """Blocks with a figure that FMPy and cosim alone must show."""
 
 
 def test_the_page_is_right_for_cosim_and_fmpy(native: Path, tmp_path: Path) -> None:
-    (tmp_path / "build" / "fmus").mkdir(parents=True)
-    (tmp_path / "build" / "fmus" / "native").symlink_to(native)
-    (tmp_path / "user").mkdir()
     chosen = [block for block in blocks(PAGE.read_text(encoding="utf-8")) if block.mark == "run"]
-    followed = list(follow(chosen, tmp_path / "user", {"run": Path(sys.executable).parent}))
+    followed = list(follow(chosen, user_folder(tmp_path, native), {"run": Path(sys.executable).parent}))
     assert [f"line {block.line}: {wrong}" for block, wrong in followed if wrong] == []
     assert len(followed) == len(chosen)
     assert sum(bool(block.expected) for block in chosen) == FIGURES
