@@ -121,8 +121,8 @@ class Workspace:
             raise DescriptionError([f"no component '{name}'.{suggest(name, known)}" for name in unknown])
         return list(names or known)
 
-    def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
-        """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
+    def sources(self, name: str, flavour: Flavour = "native") -> str:
+        """A hash of the files of this project that the FMU is made from; it needs no tool that builds FMUs."""
         package = Path(__file__).parents[1]
         files = [
             self.components()[name],
@@ -135,6 +135,11 @@ class Workspace:
         digest = hashlib.sha256()
         for path in files:
             digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+        return digest.hexdigest()
+
+    def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
+        """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
+        digest = hashlib.sha256(self.sources(name, flavour).encode())
         for package_name in ("casadi", "ziglang", "motion-cosim", *(("pythonfmu",) if flavour == "python" else ())):
             digest.update(importlib.metadata.version(package_name).encode() + b"\0")
         digest.update(" ".join((flavour, *sorted(platforms))).encode())
@@ -160,19 +165,26 @@ class Workspace:
 
     def is_current(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> bool:
         """Whether ``target`` is the FMU that would be built now."""
-        stamp = self._stamp(target)
-        if not (target.is_file() and stamp.is_file()):
-            return False
-        known = json.loads(stamp.read_text())
-        key = self.key(name, platforms, flavour)
-        return known == {"key": key, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
+        return self._known(target, key=self.key(name, platforms, flavour))
+
+    def has_these_sources(self, name: str, target: Path, flavour: Flavour = "native") -> bool:
+        """Whether ``target`` was built from these files, whatever built it and for which platforms."""
+        return self._known(target, sources=self.sources(name, flavour))
 
     def remember(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> None:
         """Note that ``target`` has just been built."""
         stamp = self._stamp(target)
         stamp.parent.mkdir(parents=True, exist_ok=True)
-        entry = {"key": self.key(name, platforms, flavour), "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
-        stamp.write_text(json.dumps(entry))
+        entry = {"key": self.key(name, platforms, flavour), "sources": self.sources(name, flavour)}
+        stamp.write_text(json.dumps({**entry, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}))
+
+    def _known(self, target: Path, **wanted: str) -> bool:
+        """Whether ``target`` is as it was when its stamp was written, and the stamp says what is wanted."""
+        stamp = self._stamp(target)
+        if not (target.is_file() and stamp.is_file()):
+            return False
+        known = json.loads(stamp.read_text())
+        return {**known, **wanted, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()} == known
 
     def _stamp(self, target: Path) -> Path:
         place = hashlib.sha256(str(target.resolve().parent).encode()).hexdigest()[:8]
