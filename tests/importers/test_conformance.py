@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from .conform import EXCHANGE_TOLERANCE, PYTHON_TOLERANCE, Case, compare, fmu_case, run
+from .cases import Case, compare, fmu_case
+from .conform import EXCHANGE_TOLERANCE, PYTHON_TOLERANCE, run
 
 
 @pytest.fixture(scope="module")
