@@ -51,5 +51,5 @@ clean:
 $(INSTALLED): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[build,test]"
+	$(BIN)/python -m pip install --quiet --editable ".[build,importers,test]"
 	touch $(INSTALLED)

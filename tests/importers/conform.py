@@ -51,7 +51,7 @@ SYSTEM_TOLERANCE = 1e-6
 """Feedback carries the last bits of a communication point on."""
 EXCHANGE_TOLERANCE = 1e-4
 """Other solvers at 1e-8 against RODAS at its default tolerance of 1e-6, over 100 steps."""
-PYTHON_STEPS = 25
+PYTHON_STEPS = 24
 """Systems of Python FMUs: their steps take milliseconds."""
 SECONDS_A_JOB = 20.0
 CRASHES = 3
@@ -73,6 +73,12 @@ class Importer:
     order: str = "parallel"
     multiples: bool = False
     """Whether it takes instances that step less often than the others."""
+
+    def package(self, case: Case) -> dict[str, Any]:
+        """The SSP for this importer: if it knows no Enumeration, the one whose FMUs declare Integers instead."""
+        path = Path(case.job["path"])
+        integers = case.set_enumerations and "enumerations" in self.lacks
+        return {"path": str(path.with_suffix(".integers.ssp") if integers else path)}
 
 
 AFTER = "outputs read after a step"
@@ -268,11 +274,9 @@ class Conformance:
         folder = self.folder / "containers"
 
         def extra(case: Case) -> dict[str, Any]:
-            path, name = Path(case.job["path"]), case.job["name"].replace("/", "_")
-            if case.set_enumerations and "enumerations" in importer.lacks:
-                path = path.with_suffix(".integers.ssp")
+            container = folder / f"{case.job['name'].replace('/', '_')}.fmu"
             program = self.programs.get(importer.program) or ""
-            return {"path": str(path), "program": program, "container": str(folder / f"{name}.fmu")}
+            return {**importer.package(case), "program": program, "container": str(container)}
 
         interpreter = self.pythons[importer.venv]
         done = run(
