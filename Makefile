@@ -34,8 +34,9 @@ conformance: $(INSTALLED)
 	$(BIN)/python build_fmus.py --flavour both
 	for name in importers importers-cofmupy; do \
 		test -x build/$$name/bin/python || $(PYTHON) -m venv build/$$name || exit 1; \
-		build/$$name/bin/python -m pip install --quiet --requirement tests/importers/requirements$${name#importers}.txt \
-			|| exit 1; \
+		grep -v '^#' tests/importers/requirements$${name#importers}.txt | \
+			xargs -n 1 build/$$name/bin/python -m pip install --quiet || \
+			echo "Not every importer could be installed; the page says which."; \
 	done
 	$(BIN)/python -m tests.importers.conform --python build/importers/bin/python \
 		--cofmupy build/importers-cofmupy/bin/python $(PROGRAMS)

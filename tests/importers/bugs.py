@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import csv
 import importlib.metadata
 import io
 import json
@@ -80,9 +81,11 @@ def ssp(
     fmus: dict[str, str],
     connections: Sequence[tuple[str, str, str, str, float]] = (),
     parameters: dict[str, str] | None = None,
+    *,
     annotations: dict[str, str] | None = None,
+    extra: str = "",
 ) -> str:
-    """An SSP 1.0 of the FMUs: connections with a factor, ssv parameters by instance, annotations by instance."""
+    """An SSP 1.0 of the FMUs: connections with a factor; parameters and annotations by instance, and of the system."""
     space = "http://ssp-standard.org/SSP1/SystemStructure"
     elements = ""
     for name, path in fmus.items():
@@ -114,7 +117,7 @@ def ssp(
         f'<?xml version="1.0" encoding="UTF-8"?><ssd:SystemStructureDescription xmlns:ssd="{space}Description" '
         f'xmlns:ssc="{space}Common" xmlns:ssv="{space}ParameterValues" '
         'xmlns:osp="http://opensimulationplatform.com/SSP/OSPAnnotations" version="1.0" name="shown">'
-        f'<ssd:System name="shown"><ssd:Elements>{elements}</ssd:Elements>{wires}</ssd:System>'
+        f'<ssd:System name="shown"><ssd:Elements>{elements}</ssd:Elements>{wires}{extra}</ssd:System>'
         '<ssd:DefaultExperiment startTime="0" stopTime="1"/></ssd:SystemStructureDescription>'
     )
     target = folder / "shown.ssp"
@@ -383,6 +386,26 @@ def omsimulator_plain(tools: Tools) -> Found:
     return bool(done.returncode), f"exit code {done.returncode}" + (f": {said[0]}" if said else "")
 
 
+def omsimulator_factor(tools: Tools) -> Found:
+    space = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
+    master = (
+        f'<ssd:Annotations><ssc:Annotation type="org.openmodelica"><oms:Annotations xmlns:oms="{space}">'
+        '<oms:SimulationInformation><oms:FixedStepMaster description="oms-ma" stepSize="0.1" relativeTolerance="1e-6"/>'
+        "</oms:SimulationInformation></oms:Annotations></ssc:Annotation></ssd:Annotations>"
+    )
+    fmus = {"lag": tools.reference("2.0", "Dahlquist"), "copy": tools.reference("2.0", "Feedthrough")}
+    wires = (("lag", "x", "copy", "Float64_continuous_input", 2.0),)
+    command = [tools.program, "--stopTime=1", "--resultFile=result.csv", ssp(tools.folder, fmus, wires, extra=master)]
+    subprocess.run(command, cwd=tools.folder, check=True, capture_output=True, timeout=SECONDS)
+    with (tools.folder / "result.csv").open(newline="") as file:
+        last = list(csv.DictReader(file))[-1]
+    x, y = (
+        next(float(value) for name, value in last.items() if name.strip().endswith(end))
+        for end in ("lag.x", "copy.Float64_continuous_output")
+    )
+    return abs(y - 2 * x) > 1e-6, f"y = 2 x with x = {x:g} is {y:g}"
+
+
 @dataclass(frozen=True)
 class Bug:
     """A demonstration: what is wrong, which FMU shows it, what it needs."""
@@ -430,6 +453,13 @@ BUGS = (
         "reads no SSP without an annotation of its own",
         "Reference FMU",
         omsimulator_plain,
+        ("omsimulator", "reference_fmus"),
+    ),
+    Bug(
+        "OMSimulator",
+        "ignores factors in connections",
+        "Reference FMUs",
+        omsimulator_factor,
         ("omsimulator", "reference_fmus"),
     ),
 )

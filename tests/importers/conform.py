@@ -468,9 +468,15 @@ NOTES = """
 - The FMU manipulation toolbox reads the structure of an SSP; parameters and outputs are told to it through its API.
 - syssimx makes a step of length zero at the start, which FMI 2.0 does not allow; the step is left out.
 - CoFmuPy is run with all FMUs in one group, its inputs of step 1 given by `initialization`.
-- OMSimulator refuses a connection between different units even with a factor, and ignores the factor.
-- Not here: OMSimulator's wheel downloads its program when it is installed, so its path is given; pyfmi and mosaik-fmi
-  have no wheels; FMPy's `simulate_ssp` ignores parameters, so that it runs no system of the studies.
+- OMSimulator also refuses a connection between different units, with a factor or without. `cosim export` writes the
+  annotation that it needs.
+- FMPy's `simulate_ssp` ignores parameters, so that it runs no system of the studies; pyfmi and mosaik-fmi have no
+  wheels.
+- Programs that pip does not install are given by their paths,
+  `make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH --reference-fmus DIR"`:
+  fmusim and the Reference FMUs (modelica/Reference-FMUs, v0.0.39 for fmusim; cmake, with libxml2, minizip and CVode;
+  DIR has the FMUs for FMI 2.0 in 2.0 and for FMI 3.0 in 3.0), FMUComplianceChecker (modelica-tools; linked with
+  FMILibrary 2.4.1 of modelon-community), OMSimulator (OpenModelica; cmake; its wheel downloads the program).
 """
 
 
