@@ -238,6 +238,49 @@ def _fmpy_ssp(tools: Tools, parameters: dict[str, str]) -> Any:
     return simulate_ssp(ssp(tools.folder, fmus, SOURCE_GAIN, parameters), stop_time=5 * STEP, step_size=STEP)
 
 
+def fmpy_container(tools: Tools) -> Found:
+    import fmpy
+    from fmpy.container_fmu.cli import create_container_fmu
+    from fmpy.container_fmu.config import Component, Configuration, Connection
+    from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unknown
+
+    source, gain = (
+        Component(name, Path(path), fmpy.read_model_description(path))
+        for name, path in ((name, tools.fmu(name)) for name in ("source", "gain"))
+    )
+    a, u, y = (
+        next(v for v in c.modelDescription.modelVariables if v.name == name)
+        for c, name in ((source, "y"), (gain, "u"), (gain, "y"))
+    )
+    time = ModelVariable(name="time", type="Real", causality="independent", variability="continuous")
+    shown = ModelVariable(name="y", type="Real", causality="output", variability="continuous", initial="calculated")
+    description = ModelDescription()
+    description.fmiVersion, description.modelName = "2.0", "shown"
+    description.guid = description.instantiationToken = "{shown}"
+    description.coSimulation = CoSimulation(modelIdentifier="container_fmu")
+    description.coSimulation.fixedInternalStepSize = STEP
+    description.modelVariables, description.outputs = [time, shown], [Unknown(variable=shown)]
+    description.initialUnknowns = [Unknown(variable=shown)]
+    connection = Connection(source, [a], gain, [u])
+    made, said = tools.folder / "shown.fmu", list[str]()
+    (tools.folder / "unpacked").mkdir()
+    configuration = Configuration(False, description, [source, gain], [connection], {shown: [(gain, y)]})
+    create_container_fmu(configuration, tools.folder / "unpacked", made)
+    try:
+        result = fmpy.simulate_fmu(
+            str(made),
+            stop_time=5 * STEP,
+            step_size=STEP,
+            output=["y"],
+            debug_logging=True,
+            logger=lambda *arguments: said.append(arguments[-1].decode()),
+        )
+    except Exception as error:
+        wrong = re.search(r"unknown variant `\w+`", " ".join(said))
+        return True, f"{error}" + (f": {wrong[0]}" if wrong else "")
+    return float(result["y"][-1]) != 5, f"y = u with u = 5 is {result['y'][-1]:g}"
+
+
 def sofirpy_first(tools: Tools) -> Found:
     from sofirpy import simulate
 
@@ -432,6 +475,7 @@ BUGS = (
     Bug("ecospy", "shows the outputs of a slower FMU before their time", OWN, ecos_multirate),
     Bug("fmpy", "simulate_ssp ignores parameters", OWN, fmpy_parameters),
     Bug("fmpy", "simulate_ssp takes the inputs of step 1 as 0", OWN, fmpy_first),
+    Bug("fmpy", "its container reads no connection of FMI 2.0 FMUs that it wrote itself", OWN, fmpy_container),
     Bug("sofirpy", "sets connected inputs only after step 1", OWN, sofirpy_first),
     Bug("cofmupy", "takes the inputs of step 1 as 0", OWN, cofmupy_first, ("cofmupy",)),
     Bug("cofmupy", "sets and reads every variable as Real", OWN, cofmupy_types, ("cofmupy",)),

@@ -82,6 +82,7 @@ class Importer:
 
 
 AFTER = "outputs read after a step"
+SEQUENTIAL = "feedthrough evaluated at the communication point, then all step"
 PARALLEL = "parallel (Jacobi): all step with the outputs of the communication point"
 FMU_IMPORTERS = (
     Importer("FMPy, function by function", "fmpy", AFTER),
@@ -98,17 +99,22 @@ FMU_IMPORTERS = (
 CHECKERS = (
     Importer("FMILibrary, its log (libcosimpy)", "fmilibrary", "warnings and errors are failures"),
     Importer("fmutool -check (FMU manipulation toolbox)", "fmutool", "no trace"),
+    Importer("fmureader", "fmureader", "no trace"),
     Importer("FMUComplianceChecker", "fmu-check", "inputs at their start; warnings are failures", program="fmu_check"),
 )
 EXCHANGE_IMPORTERS = (
     Importer("FMPy, simulate_fmu", "fmpy.simulate_fmu ME", "CVode at 1e-8"),
     Importer("fmuloader", "fmuloader ME", "scipy's Radau at 1e-8"),
+    Importer("pathsim-fmi", "pathsim-fmi ME", "Dormand-Prince at 1e-8"),
     Importer("fmusim", "fmusim ME", "CVode at 1e-8", program="fmusim"),
 )
 SYSTEM_IMPORTERS = (
     Importer("libcosim (libcosimpy), SSP", "libcosim", PARALLEL, lacks=("enumerations",), multiples=True),
     Importer("ecos (ecospy), SSP", "ecos", PARALLEL, lacks=("enumerations",)),
     Importer("FMU manipulation toolbox, container of an SSP", "fmucontainer", PARALLEL, lacks=("transformations",)),
+    Importer(
+        "FMPy, container wired by API", "fmpy container", SEQUENTIAL, lacks=("transformations",), order="sequential"
+    ),
     Importer("syssimx, wired by API", "syssimx", PARALLEL, lacks=("transformations",)),
     Importer(
         "CoFmuPy, wired by API", "cofmupy", PARALLEL, venv="cofmupy", lacks=("transformations", "other types than Real")
@@ -116,7 +122,7 @@ SYSTEM_IMPORTERS = (
     Importer(
         "OMSimulator, SSP",
         "omsimulator",
-        "feedthrough evaluated at the communication point, then all step",
+        SEQUENTIAL,
         program="omsimulator",
         lacks=("transformations",),
         order="sequential",
@@ -502,7 +508,11 @@ def main() -> int:
     sections = [
         ("Single FMUs", "Inputs held.", [o for f, place in both for o in suite.fmus(f, place)]),
         ("Checkers", "", [o for f, place in both for o in suite.checks(f, place)]),
-        ("Systems", "Every system of the studies.", [o for f, place in both for o in suite.systems(f, place)]),
+        (
+            "Systems",
+            f"Every system of the studies; {PYTHON_STEPS} steps with Python FMUs.",
+            [o for f, place in both for o in suite.systems(f, place)],
+        ),
         ("Model exchange", "", suite.exchange(places["native"])),
     ]
     third = suite.fmi3(places["fmi3"], places["native"]) if places["fmi3"].exists() else []

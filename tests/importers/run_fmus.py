@@ -147,6 +147,29 @@ def pathsim(job: Job) -> Rows:
     return rows
 
 
+def pathsim_exchange(job: Job) -> Rows:
+    """PathSim's block for model exchange, with its fifth-order Dormand-Prince method."""
+    from pathsim import Connection, Simulation
+    from pathsim.blocks import Constant
+    from pathsim.solvers import RKDP54
+    from pathsim_fmi.blocks import ModelExchangeFMU
+
+    block = ModelExchangeFMU(job["path"], job["name"], start_values=job["inputs"])
+    names, outputs = list(block.fmu_wrapper.input_refs), list(block.fmu_wrapper.output_refs)
+    sources = {name: Constant(value) for name, value in job["inputs"].items()}
+    wires = [Connection(source[0], block[names.index(name)]) for name, source in sources.items()]
+    tolerances = {"tolerance_lte_rel": 1e-8, "tolerance_lte_abs": 1e-14}
+    simulation = Simulation(
+        [block, *sources.values()], wires, dt=job["step"] / 10, Solver=RKDP54, log=False, **tolerances
+    )
+    rows: Rows = []
+    for _ in range(job["steps"]):
+        simulation.run(job["step"], reset=False, adaptive=True)
+        values = block.outputs.to_array()
+        rows.append([float(values[outputs.index(name)]) for name in job["outputs"]])
+    return rows
+
+
 def sofirpy(job: Job) -> Rows:
     """sofirpy's ``simulate``."""
     from sofirpy import simulate
@@ -169,4 +192,14 @@ def toolbox(job: Job) -> Rows:
     wrong = [line for line in said.splitlines() if line.startswith(("ERROR", "WARNING", "CRITICAL"))]
     if done.returncode or wrong:
         raise RuntimeError("; ".join(wrong) or said[-300:])
+    return []
+
+
+def fmureader(job: Job) -> Rows:
+    """fmureader's check of modelDescription.xml: no trace, an error if it does not read every variable."""
+    from fmureader.fmi import read_model_description
+
+    found = {variable.name for variable in read_model_description(job["path"]).model_variables}
+    if missing := job["references"].keys() - found:
+        raise RuntimeError(f"variables not read: {', '.join(sorted(missing))}")
     return []
