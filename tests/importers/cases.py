@@ -92,11 +92,9 @@ def fmi3_case(path: Path, native: Case) -> Case:
     if unknown := [name for name in case.job["outputs"] if name not in columns]:
         raise ValueError(f"{path.name}: outputs that the FMI 2.0 FMU has not: {', '.join(unknown)}.")
     chosen = [columns[name] for name in case.job["outputs"]]
-    references = case.job["references"]
-    inputs = {name: (references[name], [value]) for name, value in native.job["inputs"].items()}
     return replace(
         case,
-        job={**case.job, "inputs": inputs},
+        job={**case.job, "inputs": native.job["inputs"]},
         rows=[[row[k] for k in chosen] for row in native.rows],
         start=[native.start[k] for k in chosen],
         delayed=tuple(native.delayed[k] for k in chosen),

@@ -1,7 +1,7 @@
 """Single FMI 3.0 co-simulation FMUs in importers: each function runs one job and gives its rows.
 
-A job's ``places`` has the value reference and the number of elements of each recorded variable, its ``inputs`` the
-values of each input; ``outputs`` names every element of the rows.
+A job's ``places`` has the value reference and the number of elements of each recorded variable; ``outputs`` names
+every element of the rows.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def fmpy_slave(job: Job) -> Rows:
         fmu = FMU3Slave(guid=job["guid"], unzipDirectory=folder, modelIdentifier=job["name"], instanceName=job["name"])
         fmu.instantiate()
         fmu.enterInitializationMode(startTime=0.0)
-        for reference, values in job["inputs"].values():
-            fmu.setFloat64([reference], values)
+        for name, value in job["inputs"].items():
+            fmu.setFloat64([job["references"][name]], [value])
         fmu.exitInitializationMode()
         rows: Rows = []
         for k in range(job["steps"]):
@@ -46,7 +46,7 @@ def fmpy_simulate(job: Job) -> Rows:
         stop_time=job["steps"] * job["step"],
         step_size=job["step"],
         output_interval=job["step"],
-        start_values={n: values if len(values) > 1 else values[0] for n, (_, values) in job["inputs"].items()},
+        start_values=job["inputs"],
         output=job["variables"],
     )
     times = {round(row["time"] / job["step"]): row for row in result}
@@ -63,8 +63,8 @@ def fmuloader(job: Job) -> Rows:
     fmu = Fmi3Slave(job["path"], model_identifier=job["name"])
     fmu.instantiate_co_simulation(job["name"], instantiation_token=job["guid"])
     fmu.enter_initialization_mode(start_time=0.0)
-    for reference, values in job["inputs"].values():
-        fmu.set_float64([reference], values)
+    for name, value in job["inputs"].items():
+        fmu.set_float64([job["references"][name]], [value])
     fmu.exit_initialization_mode()
     rows: Rows = []
     for k in range(job["steps"]):
@@ -85,10 +85,9 @@ def pathsim(job: Job) -> Rows:
     """PathSim's block for co-simulation, stepped by its scheduled event."""
     from pathsim_fmi.blocks import CoSimulationFMU
 
-    starts = {name: values[0] for name, (_, values) in job["inputs"].items()}
-    block = CoSimulationFMU(job["path"], job["name"], start_values=starts, dt=job["step"])
+    block = CoSimulationFMU(job["path"], job["name"], start_values=job["inputs"], dt=job["step"])
     names = list(block.fmu_wrapper.input_refs)
-    for name, value in starts.items():
+    for name, value in job["inputs"].items():
         block.inputs[names.index(name)] = value
     outputs = list(block.fmu_wrapper.output_refs)
     rows: Rows = []
