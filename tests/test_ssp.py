@@ -213,7 +213,7 @@ def test_fmpy_reads_the_structure(rich: System, tmp_path: Path) -> None:
 
 
 def test_masters_of_other_tools_are_named(rich: System, tmp_path: Path) -> None:
-    """libcosim and ecos take the step size from it; OMSimulator reads no system without its own."""
+    """libcosim takes its step size from it; OMSimulator reads no system without its own."""
     with zipfile.ZipFile(write_ssp(rich, tmp_path / "rich.ssp")) as archive:
         text = archive.read("SystemStructure.ssd").decode()
     assert f'<osp:FixedStepAlgorithm baseStepSize="{rich.step_size}"' in text

@@ -69,7 +69,7 @@ class Importer:
     program: str = ""
     """Option that gives the path of the program, for those that pip does not install."""
     lacks: tuple[str, ...] = ()
-    """What it cannot take from a system: enumerations, other types than Real, transformations."""
+    """What it cannot take: enumerations, other types than Real, transformations, arrays."""
     order: str = "parallel"
     multiples: bool = False
     """Whether it takes instances that step less often than the others."""
@@ -279,12 +279,10 @@ class Conformance:
         if outcome.missing or not cases:
             return outcome
         self.console.print(f"{importer.name}: {what}", markup=False, highlight=False)
-        folder = self.folder / "containers"
 
         def extra(case: Case) -> dict[str, Any]:
-            container = folder / f"{case.job['name'].replace('/', '_')}.fmu"
             program = self.programs.get(importer.program) or ""
-            return {**importer.package(case), "program": program, "container": str(container)}
+            return {**importer.package(case), "program": program, "container": str(_container(case))}
 
         interpreter = self.pythons[importer.venv]
         done = run(
@@ -344,10 +342,9 @@ class Conformance:
         outcome = Outcome("cosim run, these containers as FMUs", what, AFTER)
         for case in cases:
             job = case.job
-            path = self.folder / "containers" / f"{job['name'].replace('/', '_')}.fmu"
             document = {
                 "experiment": {"stop_time": Decimal(repr(job["step"])) * job["steps"], "step_size": job["step"]},
-                "instances": {"container": {"fmu": str(path)}},
+                "instances": {"container": {"fmu": str(_container(case))}},
             }
             try:
                 result = simulate(make_system(document))
@@ -389,6 +386,10 @@ class Conformance:
             left = f"; {len(arrays)} with arrays as outputs, which it cannot read" if len(chosen) < len(cases) else ""
             found.append(self.one(importer, chosen, f"{len(chosen)} of {len(cases)} {what}{left}", tolerance=tolerance))
         return found
+
+
+def _container(case: Case) -> Path:
+    return Path(case.job["path"]).with_suffix(".fmu")
 
 
 def _step(path: Path) -> float:

@@ -101,6 +101,7 @@ def container(job: Job) -> Rows:
     import fmpy
     from fmu_manipulation_toolbox.assembly import Assembly
 
+    Path(job["container"]).unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copy(job["path"], folder / "system.ssp")
@@ -124,13 +125,12 @@ def container(job: Job) -> Rows:
             output_interval=job["step"],
             output=names,
         )
-        Path(job["container"]).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(made, job["container"])
     return [[float(row[name]) for name in names] for row in result][1:]
 
 
 def fmpy_container(job: Job) -> Rows:
-    """A container FMU that FMPy makes, its master in Rust, run in FMPy.
+    """A container FMU that FMPy makes, run in FMPy.
 
     Its master knows the types of variables by the names of FMI 3.0 only, so that those of connections are changed.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import zipfile
 from pathlib import Path
+from platform import machine
 
 import pytest
 
@@ -25,6 +26,10 @@ from .conform import (
     table,
 )
 
+needs_libcosim = pytest.mark.skipif(
+    sys.platform == "darwin" or machine() not in ("x86_64", "AMD64"),
+    reason="libcosimpy has wheels for Linux and Windows on x86-64 only",
+)
 BREAK = {
     "fmilibrary": lambda xml: xml.replace(b'variability="fixed"', b'variability="continuous"'),
     "fmutool": lambda xml: xml.replace(b'fmiVersion="2.0"', b'fmiVersion="2.0" wrong="1"'),
@@ -37,21 +42,23 @@ def cases(native: Path) -> list[Case]:
     return [fmu_case(path) for path in sorted(native.glob("*.fmu"))]
 
 
-@pytest.mark.parametrize("importer", ["fmpy", "fmpy.simulate_fmu", "fmuloader", "libcosim"])
+@pytest.mark.parametrize(
+    "importer", ["fmpy", "fmpy.simulate_fmu", "fmuloader", pytest.param("libcosim", marks=needs_libcosim)]
+)
 def test_native_fmus_run_as_in_cosim(cases: list[Case], importer: str) -> None:
     outcome = run(importer, cases, sys.executable, "native")
     assert outcome.problems == []
     assert outcome.runs == outcome.traces == len(cases) == 16
 
 
-@pytest.mark.parametrize("checker", ["fmilibrary", "fmutool"])
+@pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
 def test_checkers_report_nothing(cases: list[Case], checker: str) -> None:
     outcome = run(checker, cases, sys.executable, "native")
     assert outcome.problems == []
     assert outcome.runs == len(cases) == 16
 
 
-@pytest.mark.parametrize("checker", ["fmilibrary", "fmutool"])
+@pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
 def test_checkers_report_what_is_wrong(native: Path, tmp_path: Path, checker: str) -> None:
     target = tmp_path / "PPi.fmu"
     with zipfile.ZipFile(native / "PPi.fmu") as source, zipfile.ZipFile(target, "w") as archive:
@@ -73,6 +80,7 @@ def systems(native: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Case
     return [system_case(path, folder, native) for path in shipped_systems()]
 
 
+@needs_libcosim
 def test_every_system_runs_in_libcosim_as_in_cosim(systems: list[Case]) -> None:
     """As SSP, in parallel order; libcosim knows no Enumeration, so FMUs that set one declare it as Integer."""
     importer = next(i for i in SYSTEM_IMPORTERS if i.function == "libcosim")
@@ -82,6 +90,7 @@ def test_every_system_runs_in_libcosim_as_in_cosim(systems: list[Case]) -> None:
     assert any(case.set_enumerations for case in systems)
 
 
+@needs_libcosim
 def test_systems_with_step_multiples_run_in_libcosim_as_in_cosim(native: Path, tmp_path: Path) -> None:
     cases = [multiple_case(name, ROOT / "studies", tmp_path, native) for name in MULTIPLES]
     outcome = run("libcosim", cases, sys.executable, "multiples", tolerance=SYSTEM_TOLERANCE)
