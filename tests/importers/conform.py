@@ -115,6 +115,7 @@ SYSTEM_IMPORTERS = (
     Importer(
         "FMPy, container wired by API", "fmpy container", SEQUENTIAL, lacks=("transformations",), order="sequential"
     ),
+    Importer("sofirpy, wired by API", "sofirpy systems", SEQUENTIAL, lacks=("transformations",), order="sequential"),
     Importer("syssimx, wired by API", "syssimx", PARALLEL, lacks=("transformations",)),
     Importer(
         "CoFmuPy, wired by API", "cofmupy", PARALLEL, venv="cofmupy", lacks=("transformations", "other types than Real")
@@ -472,7 +473,8 @@ NOTES = """
 - fmuloader is run with `cannot_use_memory_management_functions=True`.
 - The FMU manipulation toolbox reads the structure of an SSP; parameters and outputs are told to it through its API.
 - syssimx makes a step of length zero at the start, which FMI 2.0 does not allow; the step is left out.
-- CoFmuPy is run with all FMUs in one group, its inputs of step 1 given by `initialization`.
+- CoFmuPy is run with all FMUs in one group. It and sofirpy are told the inputs of step 1, by `initialization` and
+  `start_values`.
 - OMSimulator also refuses a connection between different units, with a factor or without. `cosim export` writes the
   annotation that it needs.
 - FMPy's `simulate_ssp` ignores parameters, so that it runs no system of the studies; pyfmi and mosaik-fmi have no

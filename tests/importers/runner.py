@@ -30,6 +30,7 @@ IMPORTERS: dict[str, tuple[str, Callable[[Job], Rows]]] = {
     "pathsim-fmi": ("pathsim-fmi", run_fmus.pathsim),
     "pathsim-fmi ME": ("pathsim-fmi", run_fmus.pathsim_exchange),
     "sofirpy": ("sofirpy", run_fmus.sofirpy),
+    "sofirpy systems": ("sofirpy", run_systems.sofirpy),
     "fmureader": ("fmureader", run_fmus.fmureader),
     "fmutool": ("fmu-manipulation-toolbox", run_fmus.toolbox),
     "libcosim": ("libcosimpy", run_systems.libcosim),
