@@ -33,13 +33,20 @@ bench: fmus
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
 	for script in $(filter-out benchmarks/peers.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
 
-# other importers, in a venv of their own; writes docs/importers.md (ecospy needs libtbb.so.12, Debian's libtbb12)
+# other importers, in venvs of their own; writes docs/importers.md (ecospy needs libtbb.so.12, Debian's libtbb12).
+# Programs built elsewhere: make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH"
 conformance: $(INSTALLED)
 	$(BIN)/python build_fmus.py --flavour both
-	test -x build/importers/bin/python || $(PYTHON) -m venv build/importers
-	build/importers/bin/python -m pip install --quiet --requirement tests/importers/requirements.txt
+	$(BIN)/python build_fmus.py --fmi 3
+	for name in importers importers-cofmupy; do \
+		test -x build/$$name/bin/python || $(PYTHON) -m venv build/$$name || exit 1; \
+		grep -v '^#' tests/importers/requirements$${name#importers}.txt | \
+			xargs -n 1 build/$$name/bin/python -m pip install --quiet || \
+			echo "Not every importer could be installed; the page says which."; \
+	done
+	$(BIN)/python -m tests.importers.conform --python build/importers/bin/python \
+		--cofmupy build/importers-cofmupy/bin/python $(PROGRAMS)
 	$(BIN)/python -m pytest tests/importers/follow.py
-	$(BIN)/python -m tests.importers.conform --python build/importers/bin/python
 
 # win64 under wine, aarch64-linux under qemu (Debian: wine, qemu-user, libc6-arm64-cross)
 platforms: $(INSTALLED)
@@ -52,5 +59,5 @@ clean:
 $(INSTALLED): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[build,test]"
+	$(BIN)/python -m pip install --quiet --editable ".[build,importers,test]"
 	touch $(INSTALLED)

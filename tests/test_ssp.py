@@ -212,6 +212,17 @@ def test_fmpy_reads_the_structure(rich: System, tmp_path: Path) -> None:
     assert len(ssd.system.connections) == 3
 
 
+def test_masters_of_other_tools_are_named(rich: System, tmp_path: Path) -> None:
+    """libcosim takes its step size from it; OMSimulator reads no system without its own."""
+    with zipfile.ZipFile(write_ssp(rich, tmp_path / "rich.ssp")) as archive:
+        text = archive.read("SystemStructure.ssd").decode()
+    assert f'<osp:FixedStepAlgorithm baseStepSize="{rich.step_size}"' in text
+    master = re.search(r"<oms:FixedStepMaster (.*?)/>", text)
+    assert master is not None
+    assert f'stepSize="{rich.step_size}"' in master[1]
+    assert 'description="oms-ma"' in master[1]
+
+
 def test_command_line(native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     packed, back = tmp_path / "s.ssp", tmp_path / "s.toml"
     system = str(ROOT / "studies" / "rubio2015" / "p_pi.toml")

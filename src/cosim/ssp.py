@@ -38,6 +38,7 @@ NAMESPACES = {
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
     "cosim": "urn:motion-cosim:ssp:1",
     "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
+    "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
 }
 PARAMETER_SET = "start"
 """Name of every parameter set: some importers apply only those of a name they are told."""
@@ -162,6 +163,11 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             _sub(element, "ssc:LinearTransformation", factor=factor, offset=offset)
     if not system.connections:
         top.remove(connections)
+    # OMSimulator reads no system that does not name its master, and takes a tolerance left out as 0.
+    holder = _sub(_sub(_sub(top, "ssd:Annotations"), "ssc:Annotation", type="org.openmodelica"), "oms:Annotations")
+    tolerance = "1e-8" if system.tolerance is None else repr(system.tolerance)
+    master = {"description": "oms-ma", "stepSize": str(system.step_size), "relativeTolerance": tolerance}
+    _sub(_sub(holder, "oms:SimulationInformation"), "oms:FixedStepMaster", **master)
     _units(root, "ssd:Units", units)
     experiment = _sub(root, "ssd:DefaultExperiment", startTime=str(system.start_time), stopTime=str(system.stop_time))
     holder = _sub(experiment, "ssd:Annotations")

@@ -2,58 +2,148 @@
 
     python -m tests.importers.conform --python build/importers/bin/python --output docs/importers.md
 
-Single FMUs have constant inputs; systems run in the importer's own order, which is parallel (Jacobi) for those here.
+Single FMUs have constant inputs; systems run in the importer's own order. An importer that crashes or hangs loses the
+job it was at, no other.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
+import os
 import subprocess
 import sys
-from collections.abc import Sequence
+import sysconfig
+from collections.abc import Callable, Mapping, Sequence
+from ctypes.util import find_library
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import fmpy
+from rich.console import Console
 
-from cosim.fmu import Fmu, read_fmu
+from cosim.errors import CosimError
 from cosim.master import simulate
-from cosim.ssp import write_ssp
-from cosim.system import System, make_system, read_system
+from cosim.system import make_system
+
+from .cases import (
+    MULTIPLES,
+    STEPS,
+    Case,
+    compare,
+    fmi3_case,
+    fmu_case,
+    foreign_fmi3_case,
+    multiple_case,
+    single_case,
+    system_case,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNNER = Path(__file__).with_name("runner.py")
-STEPS = 100
-FMU_IMPORTERS = ("fmpy", "fmpy.simulate_fmu", "fmuloader", "pathsim-fmi", "sofirpy", "libcosim", "ecos")
-EXCHANGE_IMPORTERS = ("fmpy.simulate_fmu ME", "fmuloader ME")
-SYSTEM_IMPORTERS = ("libcosim", "ecos")
-INPUTS = {"command": 0.3, "position_ref": 1e-5, "velocity_ref": 1e-3, "position": 2e-6, "velocity": 2e-4}
-"""Inputs held during a run; others keep their start value."""
-EXCHANGE_TOLERANCE = 1e-4
-"""Other solvers at 1e-8 against RODAS at its default tolerance of 1e-6, over 100 steps."""
-
-
+BUGS = Path(__file__).with_name("bugs.py")
+TOLERANCE = 1e-9
 PYTHON_TOLERANCE = 1e-6
 """A last bit in a communication point leads scipy's LSODA another way, within its tolerance of 1e-6."""
-NOTES = """
-## What is to be known
+SYSTEM_TOLERANCE = 1e-6
+"""Feedback carries the last bits of a communication point on."""
+EXCHANGE_TOLERANCE = 1e-4
+"""Other solvers at 1e-8 against RODAS at its default tolerance of 1e-6, over 100 steps."""
+PYTHON_STEPS = 24
+"""Systems of Python FMUs: their steps take milliseconds."""
+SECONDS_A_JOB = 20.0
+CRASHES = 3
+"""After so many crashes or hangs the rest of an importer's jobs is given up."""
 
-- Read right after a step, a controller's output is the one applied over that step; an importer that first sets new
-  inputs sees the answer to them. Both are compared with the row of `cosim run` that shows the same sample.
-- fmuloader 0.1.2rc0 declares no result type for `calloc`, so the memory it hands to an FMU has an address cut to 32
-  bits: any FMU that uses `allocateMemory` crashes. It is run with `cannot_use_memory_management_functions=True`.
-- libcosim and ecos set no parameter of type Enumeration from an SSP (libcosim ends the process when it meets
-  `ssv:Enumeration`, ecos warns); `cosim export` writes such values as Integer, which both read past. Systems that give
-  an enumeration another value than the FMU's are left out for them.
-- ecos applies parameters only under the name of their set: `init(parameter_set="start")`.
-- pathsim-fmi's co-simulation block is stepped by its own scheduled function.
-- FMPy's `simulate_ssp` ignores parameters and is not compared; OMSimulator's wheel downloads its program when it is
-  installed and is not run here; cofmupy and syssimx are not run.
-"""
+
+@dataclass(frozen=True)
+class Importer:
+    """One importer: its function in runner.py, what it needs, and what it sees of a run."""
+
+    name: str
+    function: str
+    sees: str
+    venv: str = "importers"
+    program: str = ""
+    """Option that gives the path of the program, for those that pip does not install."""
+    lacks: tuple[str, ...] = ()
+    """What it cannot take: enumerations, other types than Real, transformations, arrays."""
+    order: str = "parallel"
+    multiples: bool = False
+    """Whether it takes instances that step less often than the others."""
+
+    def package(self, case: Case) -> dict[str, Any]:
+        """The SSP for this importer: if it knows no Enumeration, the one whose FMUs declare Integers instead."""
+        path = Path(case.job["path"])
+        integers = case.set_enumerations and "enumerations" in self.lacks
+        return {"path": str(path.with_suffix(".integers.ssp") if integers else path)}
+
+
+AFTER = "outputs read after a step"
+SEQUENTIAL = "feedthrough evaluated at the communication point, then all step"
+PARALLEL = "parallel (Jacobi): all step with the outputs of the communication point"
+FMU_IMPORTERS = (
+    Importer("FMPy, function by function", "fmpy", AFTER),
+    Importer("FMPy, simulate_fmu", "fmpy.simulate_fmu", AFTER),
+    Importer("fmuloader", "fmuloader", AFTER),
+    Importer("pathsim-fmi", "pathsim-fmi", AFTER),
+    Importer("sofirpy", "sofirpy", AFTER),
+    Importer("libcosim (libcosimpy)", "libcosim", AFTER),
+    Importer("ecos (ecospy)", "ecos", AFTER),
+    Importer("syssimx", "syssimx FMU", AFTER),
+    Importer("CoFmuPy", "cofmupy FMU", AFTER, venv="cofmupy"),
+    Importer("fmusim", "fmusim", AFTER, program="fmusim"),
+)
+CHECKERS = (
+    Importer("FMILibrary, its log (libcosimpy)", "fmilibrary", "warnings and errors are failures"),
+    Importer("fmutool -check (FMU manipulation toolbox)", "fmutool", "no trace"),
+    Importer("fmureader", "fmureader", "no trace"),
+    Importer("FMUComplianceChecker", "fmu-check", "inputs at their start; warnings are failures", program="fmu_check"),
+)
+EXCHANGE_IMPORTERS = (
+    Importer("FMPy, simulate_fmu", "fmpy.simulate_fmu ME", "CVode at 1e-8"),
+    Importer("fmuloader", "fmuloader ME", "scipy's Radau at 1e-8"),
+    Importer("pathsim-fmi", "pathsim-fmi ME", "Dormand-Prince at 1e-8"),
+    Importer("fmusim", "fmusim ME", "CVode at 1e-8", program="fmusim"),
+)
+SYSTEM_IMPORTERS = (
+    Importer("libcosim (libcosimpy), SSP", "libcosim", PARALLEL, lacks=("enumerations",), multiples=True),
+    Importer("ecos (ecospy), SSP", "ecos", PARALLEL, lacks=("enumerations",)),
+    Importer("FMU manipulation toolbox, container of an SSP", "fmucontainer", PARALLEL, lacks=("transformations",)),
+    Importer(
+        "FMPy, container wired by API", "fmpy container", SEQUENTIAL, lacks=("transformations",), order="sequential"
+    ),
+    Importer("sofirpy, wired by API", "sofirpy systems", SEQUENTIAL, lacks=("transformations",), order="sequential"),
+    Importer("syssimx, wired by API", "syssimx", PARALLEL, lacks=("transformations",)),
+    Importer(
+        "CoFmuPy, wired by API", "cofmupy", PARALLEL, venv="cofmupy", lacks=("transformations", "other types than Real")
+    ),
+    Importer(
+        "OMSimulator, SSP",
+        "omsimulator",
+        SEQUENTIAL,
+        program="omsimulator",
+        lacks=("transformations",),
+        order="sequential",
+    ),
+)
+FMI3_IMPORTERS = (
+    Importer("FMPy, function by function", "fmpy 3.0", AFTER),
+    Importer("FMPy, simulate_fmu", "fmpy.simulate_fmu 3.0", AFTER),
+    Importer("fmuloader", "fmuloader 3.0", AFTER, lacks=("arrays",)),
+    Importer("pathsim-fmi", "pathsim-fmi 3.0", AFTER, lacks=("arrays",)),
+    Importer("fmusim", "fmusim", AFTER, program="fmusim"),
+)
+PROGRAMS = {
+    "fmusim": "fmusim of modelica/Reference-FMUs v0.0.39, now modelica/fmusim",
+    "fmu_check": "FMUComplianceChecker of modelica-tools, linked with FMILibrary of modelon-community",
+    "omsimulator": "OMSimulator of OpenModelica",
+}
+"""Option -> what it is the path of."""
+REFERENCES = {"2.0": ("Dahlquist", "Feedthrough"), "3.0": ("Dahlquist", "StateSpace", "VanDerPol")}
+"""FMI version and folder -> Reference FMUs that are used."""
 
 
 @dataclass
@@ -62,221 +152,388 @@ class Outcome:
 
     importer: str
     what: str
+    sees: str = ""
     version: str = ""
     runs: int = 0
     largest: float = 0.0
     where: str = ""
+    traces: int = 0
+    missing: str = ""
+    """Why it was not run at all."""
     problems: list[str] = field(default_factory=list[str])
 
 
-@dataclass(frozen=True)
-class Case:
-    """A job and the rows expected: those after a step, and for feedthrough those before the next."""
-
-    job: dict[str, Any]
-    rows: list[list[float]]
-    start: list[float]
-    delayed: tuple[bool, ...]
-    """Outputs of sampled components: when they are read decides which sample is seen."""
-    enumerations: tuple[str, ...] = ()
-    """Enumeration parameters that have another value than the FMU's."""
-
-
-def fmu_case(path: Path, steps: int = STEPS) -> Case:
-    """One FMU by itself, inputs held, against ``cosim run`` of the same."""
-    fmu = read_fmu(path)
-    outputs = [name for name in fmu.outputs if fmu.variables[name].type == "Real"]
-    inputs = {name: INPUTS[name] for name in fmu.inputs if name in INPUTS}
-    step = Decimal(repr(fmu.step_size))
-    document = {
-        "experiment": {"stop_time": steps * step, "step_size": step},
-        "instances": {"fmu": {"fmu": str(path), "start": inputs}},
-        "record": {"variables": [f"fmu.{name}" for name in outputs]},
-    }
-    job = {
-        "kind": "fmu",
-        "path": str(path),
-        "name": fmu.identifier,
-        "guid": fmu.guid,
-        "inputs": inputs,
-        "outputs": outputs,
-        "references": {name: v.reference for name, v in fmu.variables.items()},
-        "step": float(step),
-        "steps": steps,
-        "continuous_states": fmpy.read_model_description(str(path)).numberOfContinuousStates,
-    }
-    return _case(job, make_system(document), [("fmu", name) for name in outputs])
+def results(command: Sequence[str], jobs: Sequence[Mapping[str, Any]], environment: Mapping[str, str]) -> list[Any]:
+    """What the runner says of each job; it is started again behind a job at which its process ended or hung."""
+    found: list[Any] = []
+    crashes = 0
+    while len(found) < len(jobs):
+        rest = jobs[len(found) :]
+        if crashes == CRASHES:
+            return found + [{"error": f"not tried after {crashes} crashes"}] * len(rest)
+        limit = SECONDS_A_JOB * (2 + len(rest))
+        try:
+            done = subprocess.run(
+                list(command),
+                input=json.dumps(rest).encode(),
+                capture_output=True,
+                check=False,
+                timeout=limit,
+                env=os.environ | dict(environment),
+            )
+            said, reason = done.stdout, f"its process ended ({done.returncode}): {done.stderr.decode()[-300:]}"
+        except subprocess.TimeoutExpired as error:
+            said, reason = error.stdout or b"", f"no end within {limit:.0f} s"
+        lines = [json.loads(line) for line in said.splitlines(keepends=True) if line.endswith(b"\n")]
+        found += lines
+        if len(lines) < len(rest):
+            found.append({"error": reason})
+            crashes += 1
+    return found
 
 
-def system_case(path: Path, folder: Path, fmus: Path, steps: int = STEPS) -> Case | None:
-    """The first steps of a system as SSP, run in parallel order; None if another tool has no word for it."""
-    system = read_system(path, fmus=fmus)
-    if any(instance.step_multiple != 1 for instance in system.instances):
-        return None
-    system = read_system(
-        path, fmus=fmus, order="parallel", stop_time=system.start_time + steps * system.step_size, decimation=1
-    )
-    if system.start_time != 0:
-        return None
-    entries = [
-        (instance.name, name)
-        for instance in system.instances
-        for name in instance.fmu.outputs
-        if instance.fmu.variables[name].type == "Real"
-    ]
-    system = system.changed(record=[".".join(entry) for entry in entries])
-    package = write_ssp(system, folder / f"{path.parent.name}_{path.stem}.ssp")
-    references = {f"{i}.{name}": system.variable(i, name).reference for i, name in entries}
-    job = {
-        "kind": "system",
-        "path": str(package),
-        "name": f"{path.parent.name}/{path.stem}",
-        "outputs": [".".join(entry) for entry in entries],
-        "references": references,
-        "step": float(system.step_size),
-        "steps": steps,
-    }
-    case = _case(job, system, entries)
-    set_ = [
-        f"{instance.name}.{name}"
-        for instance in system.instances
-        for name, value in instance.start.items()
-        if instance.fmu.variables[name].type == "Enumeration" and value != instance.fmu.variables[name].start
-    ]
-    return replace(case, enumerations=tuple(set_))
-
-
-def _case(job: dict[str, Any], system: System, entries: Sequence[tuple[str, str]]) -> Case:
-    result = simulate(system)
-    columns = [result[".".join(entry)] for entry in entries]
-    rows = [[float(column[k]) for column in columns] for k in range(job["steps"] + 1)]
-    fmus: dict[str, Fmu] = {instance.name: instance.fmu for instance in system.instances}
-    delayed = tuple(
-        bool(fmus[name].dependencies.get(variable)) or ("T_s" in fmus[name].variables and bool(fmus[name].inputs))
-        for name, variable in entries
-    )
-    return Case(job, rows[1:], rows[0], delayed)
-
-
-def run(importer: str, cases: Sequence[Case], python: str, what: str, *, tolerance: float = 1e-9) -> Outcome:
+def run(
+    function: str,
+    cases: Sequence[Case],
+    python: str,
+    what: str,
+    *,
+    tolerance: float = TOLERANCE,
+    environment: Mapping[str, str] | None = None,
+    extra: Callable[[Case], Mapping[str, Any]] = lambda _: {},
+) -> Outcome:
     """Run the cases in one importer and compare; the largest difference is relative to an output's largest value."""
-    outcome = Outcome(importer, what)
-    done = subprocess.run(
-        [python, str(RUNNER), importer],
-        input=json.dumps([case.job for case in cases]),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=900,
-    )
-    lines = done.stdout.splitlines()
-    if len(lines) < len(cases):
-        stopped = cases[len(lines)].job["name"]
-        outcome.problems.append(f"{stopped}: the importer's process ended ({done.returncode}): {done.stderr[-300:]}")
-    for case, line in zip(cases, lines, strict=False):
-        found = json.loads(line)
-        outcome.version = found["version"]
+    outcome = Outcome(function, what)
+    jobs = [{**case.job, **extra(case)} for case in cases]
+    for case, found in zip(cases, results([python, str(RUNNER), function], jobs, environment or {}), strict=True):
+        outcome.version = found.get("version") or outcome.version
         name = case.job["name"]
         if "error" in found:
             outcome.problems.append(f"{name}: {found['error']}")
             continue
         outcome.runs += 1
-        if not found["rows"]:
-            continue
-        difference, output = compare(case, found["rows"])
-        if difference > outcome.largest:
-            outcome.largest, outcome.where = difference, f"{name}, {output}"
-        if not difference <= tolerance:
-            outcome.problems.append(f"{name}: {output} differs by {difference:.2g} of its largest value")
+        if found["rows"]:
+            _judge(outcome, case, found["rows"], tolerance)
     return outcome
 
 
-def compare(case: Case, rows: Sequence[Sequence[float]]) -> tuple[float, str]:
-    """The largest difference of an output, as a share of its largest value, and that output.
-
-    What is seen of a controller depends on when an importer reads: right after a step its output still is the one
-    applied over it, the row of ``cosim run`` before; after new inputs have been set it answers them, which
-    ``cosim run`` shows in the same row in sequential order, and in the next in parallel order.
-    """
-    if len(rows) != len(case.rows):
-        return math.inf, f"{len(rows)} rows for {len(case.rows)}, all outputs"
-    worst = (0.0, "")
-    before = [case.start, *case.rows[:-1]]
-    for column, name in enumerate(case.job["outputs"]):
-        found = [row[column] for row in rows]
-        expected = [row[column] for row in case.rows]
-        scale = max(map(abs, [*expected, case.start[column]]))
-        pairs = [list(zip(found, expected, strict=True))]
-        if case.delayed[column]:
-            pairs.append(list(zip(found, [row[column] for row in before], strict=True)))
-            pairs.append(list(zip(found[:-1], expected[1:], strict=True)))
-        difference = min(max(abs(a - b) for a, b in pair) for pair in pairs) / (scale or 1.0)
-        if not difference <= worst[0]:
-            worst = (difference, name)
-    return worst
+def _judge(outcome: Outcome, case: Case, rows: Sequence[Sequence[float]], tolerance: float) -> None:
+    outcome.traces += 1
+    difference, output = compare(case, rows)
+    if difference > outcome.largest:
+        outcome.largest, outcome.where = difference, f"{case.job['name']}, {output}"
+    if not difference <= tolerance:
+        outcome.problems.append(f"{case.job['name']}: {output} differs by {difference:.2g} of its largest value")
 
 
-def outcomes(python: str, flavours: dict[str, Path], folder: Path) -> list[Outcome]:
-    """Every importer on every FMU of both flavours, and on every shipped system."""
-    found: list[Outcome] = []
-    for flavour, place in flavours.items():
+def shipped_systems() -> list[Path]:
+    """The system files of all studies."""
+    paths = sorted((ROOT / "studies").glob("*/*.toml"))
+    return [path for path in paths if "[instances" in path.read_text() or "base =" in path.read_text()]
+
+
+def selected(importer: Importer, cases: Sequence[Case]) -> tuple[list[Case], str]:
+    """The systems that an importer can take, and a sentence on the others."""
+    chosen, reasons = list(cases), []
+    if "transformations" in importer.lacks:
+        reasons += [f"{sum(c.transforms for c in chosen)} have a factor in a connection, which it does not know"]
+        chosen = [c for c in chosen if not c.transforms]
+    if "other types than Real" in importer.lacks:
+        other = [c for c in chosen if c.set_enumerations or c.set_others]
+        reasons += [f"{len(other)} set parameters that are not Real, which it does not know"]
+        chosen = [c for c in chosen if c not in other]
+    if "enumerations" in importer.lacks:
+        count = sum(c.set_enumerations for c in chosen)
+        reasons += [f"in {count} of them FMUs that declare their Enumerations as Integer"]
+    return chosen, f"{len(chosen)} of {len(cases)}" + "".join(f"; {reason}" for reason in reasons)
+
+
+class Conformance:
+    """One run of everything: where the importers are, what was found."""
+
+    def __init__(self, pythons: Mapping[str, str], programs: Mapping[str, str | None], folder: Path) -> None:
+        self.pythons = pythons
+        self.programs = programs
+        self.folder = folder
+        self.console = Console(stderr=True)
+        library = find_library(f"python{sys.version_info.major}.{sys.version_info.minor}")
+        self.libpython = library or ""
+
+    def one(
+        self,
+        importer: Importer,
+        cases: Sequence[Case],
+        what: str,
+        *,
+        tolerance: float = TOLERANCE,
+        python: bool = False,
+    ) -> Outcome:
+        """Run one importer, or say why not."""
+        outcome = Outcome(importer.name, what, importer.sees)
+        environment: dict[str, str] = {}
+        if importer.program and not self.programs.get(importer.program):
+            outcome.missing = f"not run: give --{importer.program.replace('_', '-')} PATH"
+        if importer.program and python:
+            environment = {"PYTHONPATH": sysconfig.get_path("purelib"), "COSIM_LIBPYTHON": self.libpython}
+            if not self.libpython:
+                outcome.missing = "not run: it needs libpython (apt-get install libpython3-dev)"
+        if outcome.missing or not cases:
+            return outcome
+        self.console.print(f"{importer.name}: {what}", markup=False, highlight=False)
+
+        def extra(case: Case) -> dict[str, Any]:
+            program = self.programs.get(importer.program) or ""
+            return {**importer.package(case), "program": program, "container": str(_container(case))}
+
+        interpreter = self.pythons[importer.venv]
+        done = run(
+            importer.function, cases, interpreter, what, tolerance=tolerance, environment=environment, extra=extra
+        )
+        return replace(done, importer=importer.name, sees=importer.sees)
+
+    def fmus(self, flavour: str, place: Path) -> list[Outcome]:
+        """Every importer of single FMUs."""
+        python, tolerance = flavour == "python", PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
+        paths = sorted(place.glob("*.fmu"))
+        cases, what = [fmu_case(path) for path in paths], f"{len(paths)} {flavour} FMUs"
+        found = [self.one(i, cases, what, tolerance=tolerance, python=python) for i in FMU_IMPORTERS]
+        oms = replace(SYSTEM_IMPORTERS[-1], name="OMSimulator, SSP of one FMU", lacks=())
+        singles = [single_case(path, self.folder) for path in paths]
+        return [*found, self.one(oms, singles, what, tolerance=SYSTEM_TOLERANCE, python=python)]
+
+    def checks(self, flavour: str, place: Path) -> list[Outcome]:
+        """Every checker."""
+        python, tolerance = flavour == "python", PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
+        paths = sorted(place.glob("*.fmu"))
+        cases = [fmu_case(path, held=False) for path in paths]
+        what = f"{len(paths)} {flavour} FMUs"
+        return [self.one(i, cases, what, tolerance=tolerance, python=python) for i in CHECKERS]
+
+    def exchange(self, place: Path) -> list[Outcome]:
+        """The plants as model exchange."""
         cases = [fmu_case(path) for path in sorted(place.glob("*.fmu"))]
-        what, tolerance = f"{len(cases)} {flavour} FMUs", 1e-9 if flavour == "native" else PYTHON_TOLERANCE
-        found += [run(importer, cases, python, what, tolerance=tolerance) for importer in FMU_IMPORTERS]
-        found.append(run("fmu-manipulation-toolbox", cases, python, f"{len(cases)} {flavour} FMUs, fmutool -check"))
-        if flavour == "native":
-            plants = [case for case in cases if case.job["continuous_states"]]
-            what = f"{len(plants)} plants, model exchange"
-            found += [run(i, plants, python, what, tolerance=EXCHANGE_TOLERANCE) for i in EXCHANGE_IMPORTERS]
-    systems: list[Case] = []
-    for path in sorted((ROOT / "studies").glob("*/*.toml")):
-        if "[instances" in path.read_text() or "base =" in path.read_text():
-            case = system_case(path, folder, flavours["native"])
-            systems += [case] if case else []
-    plain = [case for case in systems if not case.enumerations]
-    what = f"{len(plain)} of {len(systems)} systems (SSP), parallel order"
-    found += [run(importer, plain, python, what, tolerance=1e-6) for importer in SYSTEM_IMPORTERS]
-    return found
+        plants = [case for case in cases if case.job["continuous_states"]]
+        what = f"{len(plants)} native plants"
+        return [self.one(i, plants, what, tolerance=EXCHANGE_TOLERANCE) for i in EXCHANGE_IMPORTERS]
+
+    def systems(self, flavour: str, place: Path) -> list[Outcome]:
+        """Every importer of systems, and the containers of one of them in ``cosim run``."""
+        python, folder = flavour == "python", self.folder / flavour
+        steps = PYTHON_STEPS if python else STEPS
+        folder.mkdir(parents=True, exist_ok=True)
+        orders = {
+            order: [system_case(path, folder, place, order, steps) for path in shipped_systems()]
+            for order in ("sequential", "parallel")
+        }
+        found: list[Outcome] = []
+        for importer in SYSTEM_IMPORTERS:
+            cases, what = selected(importer, orders[importer.order])
+            what = f"{flavour} FMUs, systems: {what}"
+            found.append(self.one(importer, cases, what, tolerance=SYSTEM_TOLERANCE, python=python))
+            if importer.function == "fmucontainer":
+                found.append(self.containers(cases, what))
+            if importer.multiples:
+                multiples = [multiple_case(name, ROOT / "studies", folder, place, steps) for name in MULTIPLES]
+                what = f"{flavour} FMUs, systems with step multiples: {'; '.join(c.job['name'] for c in multiples)}"
+                found.append(self.one(importer, multiples, what, tolerance=SYSTEM_TOLERANCE, python=python))
+        return found
+
+    def containers(self, cases: Sequence[Case], what: str) -> Outcome:
+        """The containers that the FMU manipulation toolbox made, each as one FMU in ``cosim run``."""
+        outcome = Outcome("cosim run, these containers as FMUs", what, AFTER)
+        for case in cases:
+            job = case.job
+            document = {
+                "experiment": {"stop_time": Decimal(repr(job["step"])) * job["steps"], "step_size": job["step"]},
+                "instances": {"container": {"fmu": str(_container(case))}},
+            }
+            try:
+                result = simulate(make_system(document))
+            except CosimError as error:
+                outcome.problems.append(f"{job['name']}: {error}")
+                continue
+            outcome.runs += 1
+            columns = [result[f"container.{name.replace('.', '_')}"] for name in job["outputs"]]
+            rows = [[float(column[k + 1]) for column in columns] for k in range(job["steps"])]
+            _judge(outcome, case, rows, SYSTEM_TOLERANCE)
+        return outcome
+
+    def fmi3(self, place: Path, native: Path) -> list[Outcome]:
+        """FMI 3.0 FMUs in every importer that reads them."""
+        paths = sorted(place.glob("*.fmu"))
+        cases = [fmi3_case(path, fmu_case(native / path.name)) for path in paths]
+        return self._fmi3(cases, "FMI 3.0 FMUs", TOLERANCE)
+
+    def reference_fmi3(self, folder: Path) -> list[Outcome]:
+        """FMI 3.0 Reference FMUs: FMPy, function by function, is what the others are compared with."""
+        cases = [
+            foreign_fmi3_case(path, STEPS, _step(path))
+            for path in (folder / f"{name}.fmu" for name in REFERENCES["3.0"])
+        ]
+        baseline = FMI3_IMPORTERS[0]
+        command = [self.pythons[baseline.venv], str(RUNNER), baseline.function]
+        rows = [found["rows"] for found in results(command, [case.job for case in cases], {})]
+        expected = [
+            replace(case, rows=row, start=row[0], delayed=(False,) * len(case.job["outputs"]))
+            for case, row in zip(cases, rows, strict=True)
+        ]
+        return self._fmi3(expected, "Reference FMUs (FMI 3.0)", TOLERANCE)[1:]
+
+    def _fmi3(self, cases: Sequence[Case], what: str, tolerance: float) -> list[Outcome]:
+        found: list[Outcome] = []
+        for importer in FMI3_IMPORTERS:
+            arrays = [c for c in cases if len(c.job["places"]) < len(c.job["outputs"])]
+            chosen = [c for c in cases if "arrays" not in importer.lacks or c not in arrays]
+            left = f"; {len(arrays)} with arrays as outputs, which it cannot read" if len(chosen) < len(cases) else ""
+            found.append(self.one(importer, chosen, f"{len(chosen)} of {len(cases)} {what}{left}", tolerance=tolerance))
+        return found
 
 
-def table(found: Sequence[Outcome]) -> str:
-    """The outcomes as a Markdown page."""
+def _container(case: Case) -> Path:
+    return Path(case.job["path"]).with_suffix(".fmu")
+
+
+def _step(path: Path) -> float:
+    description = fmpy.read_model_description(str(path))
+    return float(description.coSimulation.fixedInternalStepSize or 0.01)
+
+
+def bugs(
+    pythons: Mapping[str, str], programs: Mapping[str, str | None], references: Path | None
+) -> list[dict[str, str]]:
+    """What bugs.py found; it runs in the importers' Python."""
+    command = [pythons["importers"], str(BUGS), "--cofmupy", pythons["cofmupy"]]
+    for option, path in {**programs, "reference_fmus": references}.items():
+        command += [f"--{option.replace('_', '-')}", str(path)] if path else []
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+    if done.returncode:
+        raise RuntimeError(f"{BUGS.name} ended with {done.returncode}: {done.stderr[-1000:]}")
+    return json.loads(done.stdout)
+
+
+def table(found: Sequence[Outcome]) -> list[str]:
+    """The outcomes as the lines of a Markdown table, and what went wrong."""
+    lines = [
+        "| importer | version | what was run | ran | largest difference | where | what it sees |",
+        "|" + "---|" * 7,
+    ]
+    for o in found:
+        largest = o.missing or ("0" if o.traces else "")
+        if o.largest:
+            largest = f"{o.largest:.1e}"
+        elif not o.traces and not o.missing:
+            largest = "see below" if o.problems else "no problem reported"
+        lines.append(f"| {o.importer} | {o.version} | {o.what} | {o.runs} | {largest} | {o.where} | {o.sees} |")
+    problems = [f"- {o.importer}, {o.what}: {problem}" for o in found for problem in _short(o.problems)]
+    return [*lines, *(["", "What went wrong:", "", *problems] if problems else [])]
+
+
+def _short(problems: Sequence[str]) -> list[str]:
+    """The same problem of many jobs once."""
+    texts: dict[str, list[str]] = {}
+    for problem in problems:
+        name, _, text = problem.partition(": ")
+        texts.setdefault(" ".join(text.split()), []).append(name)
+    return [f"{', '.join(names) if len(names) < 6 else f'{len(names)} jobs'}: {text}" for text, names in texts.items()]
+
+
+def page(sections: Sequence[tuple[str, str, Sequence[Outcome]]], shown: Sequence[Mapping[str, str]]) -> str:
+    """docs/importers.md."""
     lines = [
         "# The FMUs and systems in other importers",
         "",
-        f"Written by `make conformance`. Each FMU alone, its inputs held, and each system as SSP, for {STEPS} "
-        "communication steps; the difference is that from `cosim run` in the same order, as a share of the output's "
-        "largest value.",
-        "",
-        "| importer | version | what was run | ran | largest difference | where |",
-        "|---|---|---|---|---|---|",
+        f"Written by `make conformance`. Everything runs for {STEPS} communication steps; the difference is that from "
+        "`cosim run` in the same order, as a share of the output's largest value.",
     ]
-    for o in found:
-        largest = f"{o.largest:.1e}" if o.largest else "0" if "check" not in o.what else "no problem reported"
-        if o.problems and o.importer == "fmu-manipulation-toolbox":
-            largest = "see below"
-        lines.append(f"| {o.importer} | {o.version} | {o.what} | {o.runs} | {largest} | {o.where} |")
-    problems = [f"- {o.importer}, {o.what}: {problem}" for o in found for problem in o.problems]
-    if problems:
-        lines += ["", "## What went wrong", "", *problems]
+    for title, text, found in sections:
+        lines += ["", f"## {title}", "", *([text, ""] if text else []), *table(found)]
+    lines += [
+        "",
+        "## Bugs of importers, shown with FMUs that this project did not make",
+        "",
+        "Each was tried when this page was written; the FMUs were made then by PythonFMU's own exporter, or are "
+        "Reference FMUs.",
+        "",
+        "| importer | version | bug | FMU | seen | what was seen |",
+        "|" + "---|" * 6,
+        *(f"| {b['importer']} | {b['version']} | {b['bug']} | {b['fmu']} | {b['seen']} | {b['what']} |" for b in shown),
+    ]
     return "\n".join([*lines, ""]) + NOTES
+
+
+NOTES = """
+## What is to be known
+
+- Read right after a step, a controller's output is the one applied over that step; an importer that first sets new
+  inputs sees the answer to them. Both are compared with the row of `cosim run` that shows the same sample.
+- libcosim and ecos know no FMI 2.0 variable of type Enumeration, neither from an SSP nor through their API. Systems
+  that set one run there with copies of the FMUs whose modelDescription.xml declares it as Integer; the binary is the
+  same. `cosim export` writes such values as `ssv:Integer`, which all importers read past.
+- ecos applies parameters only under the name of their set: `init(parameter_set="start")`.
+- fmuloader is run with `cannot_use_memory_management_functions=True`.
+- The FMU manipulation toolbox reads the structure of an SSP; parameters and outputs are told to it through its API.
+- syssimx makes a step of length zero at the start, which FMI 2.0 does not allow; the step is left out.
+- CoFmuPy is run with all FMUs in one group. It and sofirpy are told the inputs of step 1, by `initialization` and
+  `start_values`.
+- OMSimulator also refuses a connection between different units, with a factor or without. `cosim export` writes the
+  annotation that it needs.
+- FMPy's `simulate_ssp` ignores parameters, so that it runs no system of the studies; pyfmi and mosaik-fmi have no
+  wheels.
+- Programs that pip does not install are given by their paths,
+  `make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH --reference-fmus DIR"`:
+  fmusim and the Reference FMUs (modelica/Reference-FMUs, v0.0.39 for fmusim; cmake, with libxml2, minizip and CVode;
+  DIR has the FMUs for FMI 2.0 in 2.0 and for FMI 3.0 in 3.0), FMUComplianceChecker (modelica-tools; linked with
+  FMILibrary 2.4.1 of modelon-community), OMSimulator (OpenModelica; cmake; its wheel downloads the program).
+"""
 
 
 def main() -> int:
     """Run everything, write the page; exit code 1 if anything failed or differed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--python", default=sys.executable, help="the Python that has the importers")
+    parser.add_argument("--cofmupy", default=sys.executable, help="the Python that has CoFmuPy")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "importers.md")
+    parser.add_argument("--reference-fmus", type=Path, help="folder with the Reference FMUs in 2.0/ and 3.0/")
+    for option, text in PROGRAMS.items():
+        parser.add_argument(f"--{option.replace('_', '-')}", help=f"path of {text}")
     options = parser.parse_args()
-    fmus = {flavour: ROOT / "build" / "fmus" / flavour for flavour in ("native", "python")}
+    references = options.reference_fmus
+    paths = [references / v / f"{name}.fmu" for v in REFERENCES for name in REFERENCES[v]] if references else []
+    if missing := [str(path) for path in paths if not path.exists()]:
+        parser.error(f"--reference-fmus: no {', '.join(missing)}. Build the Reference FMUs for FMI 2.0 and 3.0.")
+    programs: dict[str, str | None] = {
+        name: str(Path(path).resolve()) if (path := getattr(options, name)) else None for name in PROGRAMS
+    }
+    if missing := [path for path in programs.values() if path and not os.access(path, os.X_OK)]:
+        parser.error(f"no program at {', '.join(missing)}. Give the path of what was built.")
+    pythons = {"importers": options.python, "cofmupy": options.cofmupy}
     folder = ROOT / "build" / "importers-ssp"
     folder.mkdir(parents=True, exist_ok=True)
-    found = outcomes(options.python, fmus, folder)
-    text = table(found)
+    places = {flavour: ROOT / "build" / "fmus" / flavour for flavour in ("native", "python", "fmi3")}
+    suite = Conformance(pythons, programs, folder)
+    both = [(flavour, places[flavour]) for flavour in ("native", "python")]
+    sections = [
+        ("Single FMUs", "Inputs held.", [o for f, place in both for o in suite.fmus(f, place)]),
+        ("Checkers", "", [o for f, place in both for o in suite.checks(f, place)]),
+        (
+            "Systems",
+            f"Every system of the studies; {PYTHON_STEPS} steps with Python FMUs.",
+            [o for f, place in both for o in suite.systems(f, place)],
+        ),
+        ("Model exchange", "", suite.exchange(places["native"])),
+    ]
+    third = suite.fmi3(places["fmi3"], places["native"]) if places["fmi3"].exists() else []
+    if references:
+        third += suite.reference_fmi3(references / "3.0")
+    if third:
+        sections.append(("FMI 3.0", "Reference FMUs are compared with FMPy, function by function.", third))
+    shown = bugs(pythons, programs, references.resolve() if references else None)
+    text = page(sections, shown)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     options.output.write_text(text, encoding="utf-8")
     sys.stdout.write(text)
-    return 1 if any(outcome.problems for outcome in found) else 0
+    failed = any(outcome.problems for _, _, found in sections for outcome in found)
+    return 1 if failed or any(bug["seen"] == "failed" for bug in shown) else 0
 
 
 if __name__ == "__main__":

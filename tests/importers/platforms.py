@@ -22,7 +22,8 @@ from conftest import WORKSPACE
 
 from cosim.export.package import NATIVE, TARGETS, build
 
-from .conform import PYTHON_TOLERANCE, Case, compare, fmu_case
+from .cases import Case, compare, fmu_case
+from .conform import PYTHON_TOLERANCE
 
 COMPONENTS = sorted(WORKSPACE.components())
 SYSROOT = Path("/usr/aarch64-linux-gnu")

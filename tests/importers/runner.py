@@ -1,4 +1,4 @@
-"""Runs one job in one importer: ``python runner.py IMPORTER < job.json``; the trace goes to standard output.
+"""Runs jobs in one importer: ``python runner.py IMPORTER < jobs.json``; the traces go to standard output.
 
 A job of kind ``fmu`` has one instance with its inputs held from the start, one of kind ``system`` an SSP file. The
 trace has one row of outputs for each communication point after the start. Nothing of this project is imported here.
@@ -10,247 +10,64 @@ import importlib.metadata
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
+
+import run_fmi3
+import run_fmus
+import run_programs
+import run_systems
 
 Job = dict[str, Any]
 Rows = list[list[float]]
 
-
-def fmpy_slave(job: Job) -> Rows:
-    """FMPy, function by function: inputs set before each step, outputs read after it."""
-    import fmpy
-    from fmpy.fmi2 import FMU2Slave
-
-    with tempfile.TemporaryDirectory() as folder:
-        fmpy.extract(job["path"], unzipdir=folder)
-        description = fmpy.read_model_description(folder)
-        identifier = description.coSimulation.modelIdentifier
-        fmu = FMU2Slave(
-            guid=description.guid, unzipDirectory=folder, modelIdentifier=identifier, instanceName=job["name"]
-        )
-        inputs = [job["references"][name] for name in job["inputs"]]
-        outputs = [job["references"][name] for name in job["outputs"]]
-        rows: Rows = []
-        fmu.instantiate()
-        fmu.setupExperiment(startTime=0.0)
-        fmu.enterInitializationMode()
-        fmu.setReal(inputs, list(job["inputs"].values()))
-        fmu.exitInitializationMode()
-        for k in range(job["steps"]):
-            fmu.doStep(k * job["step"], job["step"])
-            rows.append(fmu.getReal(outputs))
-        fmu.terminate()
-        fmu.freeInstance()
-        return rows
-
-
-def fmpy_simulate(job: Job) -> Rows:
-    """FMPy's ``simulate_fmu``."""
-    import fmpy
-
-    result = fmpy.simulate_fmu(
-        job["path"],
-        fmi_type="CoSimulation",
-        stop_time=job["steps"] * job["step"],
-        step_size=job["step"],
-        output_interval=job["step"],
-        start_values=job["inputs"],
-        output=job["outputs"],
-    )
-    return [[float(row[name]) for name in job["outputs"]] for row in result][1:]
-
-
-def fmpy_exchange(job: Job) -> Rows:
-    """FMPy's ``simulate_fmu``, model exchange with CVode."""
-    import fmpy
-
-    result = fmpy.simulate_fmu(
-        job["path"],
-        fmi_type="ModelExchange",
-        stop_time=job["steps"] * job["step"],
-        output_interval=job["step"],
-        relative_tolerance=1e-8,
-        start_values=job["inputs"],
-        output=job["outputs"],
-    )
-    times = {round(row["time"] / job["step"]): [float(row[name]) for name in job["outputs"]] for row in result}
-    return [times[k + 1] for k in range(job["steps"])]
-
-
-def fmuloader(job: Job) -> Rows:
-    """fmuloader's low-level binding."""
-    from fmuloader.fmi2 import Fmi2Slave, Fmi2Type
-
-    fmu = Fmi2Slave(job["path"], model_identifier=job["name"])
-    # its allocateMemory gives pointers cut to 32 bits (0.1.2rc0), so it passes none
-    no_memory = {"cannot_use_memory_management_functions": True}
-    fmu.instantiate(job["name"], Fmi2Type.CO_SIMULATION, guid=job["guid"], **no_memory)
-    fmu.setup_experiment(start_time=0.0)
-    fmu.enter_initialization_mode()
-    fmu.set_real([job["references"][name] for name in job["inputs"]], list(job["inputs"].values()))
-    fmu.exit_initialization_mode()
-    rows: Rows = []
-    for k in range(job["steps"]):
-        fmu.do_step(k * job["step"], job["step"])
-        rows.append(fmu.get_real([job["references"][name] for name in job["outputs"]]))
-    fmu.terminate()
-    fmu.free_instance()
-    return rows
-
-
-def fmuloader_exchange(job: Job) -> Rows:
-    """fmuloader's low-level binding, model exchange, integrated by scipy's Radau."""
-    from fmuloader.fmi2 import Fmi2Slave, Fmi2Type
-    from scipy.integrate import solve_ivp
-
-    fmu = Fmi2Slave(job["path"], model_identifier=job["name"])
-    no_memory = {"cannot_use_memory_management_functions": True}
-    fmu.instantiate(job["name"], Fmi2Type.MODEL_EXCHANGE, guid=job["guid"], **no_memory)
-    fmu.setup_experiment(start_time=0.0)
-    fmu.enter_initialization_mode()
-    fmu.set_real([job["references"][name] for name in job["inputs"]], list(job["inputs"].values()))
-    fmu.exit_initialization_mode()
-    fmu.new_discrete_states()
-    fmu.enter_continuous_time_mode()
-    n = job["continuous_states"]
-    nominals = fmu.get_nominals_of_continuous_states(n)
-
-    def derivative(t: float, x: Any) -> list[float]:
-        fmu.set_time(t)
-        fmu.set_continuous_states(x.tolist())
-        return fmu.get_derivatives(n)
-
-    start = fmu.get_continuous_states(n)
-    times = [(k + 1) * job["step"] for k in range(job["steps"])]
-    atol = [1e-10 * nominal for nominal in nominals]
-    solution = solve_ivp(derivative, (0.0, times[-1]), start, "Radau", times, rtol=1e-8, atol=atol)
-    rows: Rows = []
-    for k in range(job["steps"]):
-        derivative(times[k], solution.y[:, k])
-        fmu.completed_integrator_step()
-        rows.append(fmu.get_real([job["references"][name] for name in job["outputs"]]))
-    fmu.terminate()
-    fmu.free_instance()
-    return rows
-
-
-def pathsim(job: Job) -> Rows:
-    """PathSim's block for co-simulation, stepped by its scheduled event."""
-    from pathsim_fmi.blocks import CoSimulationFMU
-
-    block = CoSimulationFMU(job["path"], job["name"], start_values=job["inputs"], dt=job["step"])
-    names = list(block.fmu_wrapper.input_refs)
-    for name, value in job["inputs"].items():
-        block.inputs[names.index(name)] = value
-    outputs = list(block.fmu_wrapper.output_refs)
-    rows: Rows = []
-    for k in range(job["steps"]):
-        block._step_fmu(k * job["step"])
-        values = block.outputs.to_array()
-        rows.append([float(values[outputs.index(name)]) for name in job["outputs"]])
-    return rows
-
-
-def sofirpy(job: Job) -> Rows:
-    """sofirpy's ``simulate``."""
-    from sofirpy import simulate
-
-    result = simulate(
-        stop_time=job["steps"] * job["step"],
-        step_size=job["step"],
-        fmu_paths={"fmu": job["path"]},
-        start_values={"fmu": job["inputs"]},
-        parameters_to_log={"fmu": job["outputs"]},
-    )
-    return [[float(row[f"fmu.{name}"]) for name in job["outputs"]] for _, row in result.iterrows()][1:]
-
-
-def libcosim(job: Job) -> Rows:
-    """libcosim through libcosimpy: one FMU, or a whole SSP with its fixed-step (Jacobi) algorithm."""
-    from libcosimpy.CosimExecution import CosimExecution
-    from libcosimpy.CosimObserver import CosimObserver
-    from libcosimpy.CosimSlave import CosimLocalSlave
-
-    nanoseconds = round(job["step"] * 1e9)
-    observer = CosimObserver.create_last_value()
-    if job["kind"] == "system":
-        execution = CosimExecution.from_ssp_file(ssp_path=job["path"], step_size=nanoseconds)
-        places = [
-            (execution.slave_index_from_instance_name(name.partition(".")[0]), job["references"][name])
-            for name in job["outputs"]
-        ]
-    else:
-        execution = CosimExecution.from_step_size(nanoseconds)
-        index = execution.add_local_slave(CosimLocalSlave(fmu_path=job["path"], instance_name=job["name"]))
-        for name, value in job["inputs"].items():
-            execution.real_initial_value(index, job["references"][name], value)
-        places = [(index, job["references"][name]) for name in job["outputs"]]
-    execution.add_observer(observer)
-    rows: Rows = []
-    for _ in range(job["steps"]):
-        if not execution.step():
-            raise RuntimeError("cosim_execution_step failed")
-        rows.append([float(observer.last_real_values(slave, [reference])[0]) for slave, reference in places])
-    return rows
-
-
-def ecos(job: Job) -> Rows:
-    """ecos through ecospy: one FMU, or a whole SSP with its fixed-step (Jacobi) algorithm."""
-    from ecospy import EcosSimulation, EcosSimulationStructure
-
-    if job["kind"] == "system":
-        simulation = EcosSimulation(job["step"], ssp_path=job["path"])
-        simulation.init(parameter_set="start")
-        identifiers = [name.replace(".", "::") for name in job["outputs"]]
-    else:
-        structure = EcosSimulationStructure()
-        structure.add_model("fmu", job["path"])
-        structure.add_parameter_set("inputs", {f"fmu::{name}": value for name, value in job["inputs"].items()})
-        simulation = EcosSimulation(job["step"], structure=structure)
-        simulation.init(parameter_set="inputs")
-        identifiers = [f"fmu::{name}" for name in job["outputs"]]
-    rows: Rows = []
-    for _ in range(job["steps"]):
-        simulation.step()
-        rows.append([float(simulation.get_real(identifier)) for identifier in identifiers])
-    simulation.terminate()
-    return rows
-
-
-def toolbox(job: Job) -> Rows:
-    """The FMU manipulation toolbox's checker: no trace, an error if it finds anything."""
-    import subprocess
-
-    tool = Path(sys.executable).with_name("fmutool")
-    done = subprocess.run([tool, "-input", job["path"], "-check"], capture_output=True, text=True, check=False)
-    said = done.stdout + done.stderr
-    wrong = [line for line in said.splitlines() if line.startswith(("ERROR", "WARNING", "CRITICAL"))]
-    if done.returncode or wrong:
-        raise RuntimeError("; ".join(wrong) or said[-300:])
-    return []
-
-
 IMPORTERS: dict[str, tuple[str, Callable[[Job], Rows]]] = {
-    "fmpy": ("fmpy", fmpy_slave),
-    "fmpy.simulate_fmu": ("fmpy", fmpy_simulate),
-    "fmpy.simulate_fmu ME": ("fmpy", fmpy_exchange),
-    "fmuloader": ("fmuloader", fmuloader),
-    "fmuloader ME": ("fmuloader", fmuloader_exchange),
-    "pathsim-fmi": ("pathsim-fmi", pathsim),
-    "sofirpy": ("sofirpy", sofirpy),
-    "libcosim": ("libcosimpy", libcosim),
-    "ecos": ("ecospy", ecos),
-    "fmu-manipulation-toolbox": ("fmu-manipulation-toolbox", toolbox),
+    "fmpy": ("fmpy", run_fmus.fmpy_slave),
+    "fmpy.simulate_fmu": ("fmpy", run_fmus.fmpy_simulate),
+    "fmpy.simulate_fmu ME": ("fmpy", run_fmus.fmpy_exchange),
+    "fmuloader": ("fmuloader", run_fmus.fmuloader),
+    "fmuloader ME": ("fmuloader", run_fmus.fmuloader_exchange),
+    "pathsim-fmi": ("pathsim-fmi", run_fmus.pathsim),
+    "pathsim-fmi ME": ("pathsim-fmi", run_fmus.pathsim_exchange),
+    "sofirpy": ("sofirpy", run_fmus.sofirpy),
+    "sofirpy systems": ("sofirpy", run_systems.sofirpy),
+    "fmureader": ("fmureader", run_fmus.fmureader),
+    "fmutool": ("fmu-manipulation-toolbox", run_fmus.toolbox),
+    "libcosim": ("libcosimpy", run_systems.libcosim),
+    "fmilibrary": ("libcosimpy", run_systems.fmilibrary),
+    "ecos": ("ecospy", run_systems.ecos),
+    "fmucontainer": ("fmu-manipulation-toolbox", run_systems.container),
+    "fmpy container": ("fmpy", run_systems.fmpy_container),
+    "syssimx": ("syssimx", run_systems.syssimx),
+    "syssimx FMU": ("syssimx", run_systems.syssimx_fmu),
+    "fmpy 3.0": ("fmpy", run_fmi3.fmpy_slave),
+    "fmpy.simulate_fmu 3.0": ("fmpy", run_fmi3.fmpy_simulate),
+    "fmuloader 3.0": ("fmuloader", run_fmi3.fmuloader),
+    "pathsim-fmi 3.0": ("pathsim-fmi", run_fmi3.pathsim),
+    "cofmupy": ("cofmupy", run_systems.cofmupy),
+    "cofmupy FMU": ("cofmupy", run_systems.cofmupy_fmu),
 }
 """Name -> distribution, function."""
+PROGRAMS: dict[str, Callable[[Job], Rows]] = {
+    "fmusim": run_programs.fmusim,
+    "fmusim ME": run_programs.fmusim_exchange,
+    "fmu-check": run_programs.fmu_check,
+    "omsimulator": run_programs.omsimulator,
+}
+"""Name -> function; the job says where the program is."""
+
+
+def _version(distribution: str) -> str:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def main() -> None:
     """Read a list of jobs, run each, write the results; what an importer prints itself is dropped."""
-    distribution, run = IMPORTERS[sys.argv[1]]
+    importer = sys.argv[1]
+    distribution, run = IMPORTERS.get(importer) or ("", PROGRAMS[importer])
     jobs = json.load(sys.stdin)
     real = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -259,7 +76,10 @@ def main() -> None:
             result: dict[str, Any] = {"rows": run(job)}
         except Exception as error:
             result = {"error": f"{type(error).__name__}: {error}"}
-        result["version"] = importlib.metadata.version(distribution)
+        if importer in PROGRAMS:
+            result["version"] = run_programs.version(importer, job["program"])
+        else:
+            result["version"] = _version(distribution)
         real.write(json.dumps(result) + "\n")
         real.flush()
 

@@ -1,13 +1,40 @@
-"""The part of the conformance suite that needs no importer but FMPy; ``make conformance`` runs all."""
+"""The part of the conformance suite whose importers install in seconds; ``make conformance`` runs all."""
 
 from __future__ import annotations
 
 import sys
+import zipfile
 from pathlib import Path
+from platform import machine
 
 import pytest
 
-from .conform import EXCHANGE_TOLERANCE, PYTHON_TOLERANCE, Case, compare, fmu_case, run
+from . import conform
+from .cases import MULTIPLES, Case, compare, fmu_case, multiple_case, system_case
+from .conform import (
+    EXCHANGE_TOLERANCE,
+    FMU_IMPORTERS,
+    PYTHON_TOLERANCE,
+    ROOT,
+    SYSTEM_IMPORTERS,
+    SYSTEM_TOLERANCE,
+    Conformance,
+    results,
+    run,
+    selected,
+    shipped_systems,
+    table,
+)
+
+needs_libcosim = pytest.mark.skipif(
+    sys.platform == "darwin" or machine() not in ("x86_64", "AMD64"),
+    reason="libcosimpy has wheels for Linux and Windows on x86-64 only",
+)
+BREAK = {
+    "fmilibrary": lambda xml: xml.replace(b'variability="fixed"', b'variability="continuous"'),
+    "fmutool": lambda xml: xml.replace(b'fmiVersion="2.0"', b'fmiVersion="2.0" wrong="1"'),
+}
+"""What each checker must find: a parameter that is continuous; an unknown attribute."""
 
 
 @pytest.fixture(scope="module")
@@ -15,11 +42,74 @@ def cases(native: Path) -> list[Case]:
     return [fmu_case(path) for path in sorted(native.glob("*.fmu"))]
 
 
-@pytest.mark.parametrize("importer", ["fmpy", "fmpy.simulate_fmu"])
-def test_native_fmus_run_in_fmpy_as_in_cosim(cases: list[Case], importer: str) -> None:
-    outcome = run(importer, cases, sys.executable, "native", tolerance=1e-9)
+@pytest.mark.parametrize(
+    "importer", ["fmpy", "fmpy.simulate_fmu", "fmuloader", pytest.param("libcosim", marks=needs_libcosim)]
+)
+def test_native_fmus_run_as_in_cosim(cases: list[Case], importer: str) -> None:
+    outcome = run(importer, cases, sys.executable, "native")
+    assert outcome.problems == []
+    assert outcome.runs == outcome.traces == len(cases) == 16
+
+
+@pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
+def test_checkers_report_nothing(cases: list[Case], checker: str) -> None:
+    outcome = run(checker, cases, sys.executable, "native")
     assert outcome.problems == []
     assert outcome.runs == len(cases) == 16
+
+
+@pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
+def test_checkers_report_what_is_wrong(native: Path, tmp_path: Path, checker: str) -> None:
+    target = tmp_path / "PPi.fmu"
+    with zipfile.ZipFile(native / "PPi.fmu") as source, zipfile.ZipFile(target, "w") as archive:
+        for member in source.infolist():
+            content = source.read(member)
+            if member.filename == "modelDescription.xml":
+                content = BREAK[checker](content)
+            archive.writestr(member, content)
+    case = fmu_case(native / "PPi.fmu", 5)
+    case.job["path"] = str(target)
+    outcome = run(checker, [case], sys.executable, "broken")
+    assert outcome.runs == 0
+    assert len(outcome.problems) == 1
+
+
+@pytest.fixture(scope="module")
+def systems(native: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Case]:
+    folder = tmp_path_factory.mktemp("ssp")
+    return [system_case(path, folder, native) for path in shipped_systems()]
+
+
+@needs_libcosim
+def test_every_system_runs_in_libcosim_as_in_cosim(systems: list[Case]) -> None:
+    """As SSP, in parallel order; libcosim knows no Enumeration, so FMUs that set one declare it as Integer."""
+    importer = next(i for i in SYSTEM_IMPORTERS if i.function == "libcosim")
+    outcome = run("libcosim", systems, sys.executable, "systems", tolerance=SYSTEM_TOLERANCE, extra=importer.package)
+    assert outcome.problems == []
+    assert outcome.runs == outcome.traces == len(systems) == len(shipped_systems())
+    assert any(case.set_enumerations for case in systems)
+
+
+@needs_libcosim
+def test_systems_with_step_multiples_run_in_libcosim_as_in_cosim(native: Path, tmp_path: Path) -> None:
+    cases = [multiple_case(name, ROOT / "studies", tmp_path, native) for name in MULTIPLES]
+    outcome = run("libcosim", cases, sys.executable, "multiples", tolerance=SYSTEM_TOLERANCE)
+    assert outcome.problems == []
+    assert outcome.traces == len(MULTIPLES)
+
+
+def test_systems_run_in_a_container_as_in_cosim(systems: list[Case], tmp_path: Path) -> None:
+    """One system of each study without factors; the container is an FMU that ``cosim run`` takes."""
+    importer = next(i for i in SYSTEM_IMPORTERS if i.function == "fmucontainer")
+    chosen, _ = selected(importer, systems)
+    studies = {case.job["name"].partition("/")[0]: case for case in chosen}
+    suite = Conformance({"importers": sys.executable}, {}, tmp_path)
+    for outcome in (
+        suite.one(importer, list(studies.values()), "systems"),
+        suite.containers(list(studies.values()), "systems"),
+    ):
+        assert outcome.problems == []
+        assert outcome.traces == len(studies) >= 3
 
 
 def test_python_fmus_run_in_fmpy_as_in_cosim(python: Path) -> None:
@@ -48,6 +138,33 @@ def test_comparison_sees_a_wrong_trace() -> None:
     assert compare(controller, [[0.0], [1.0], [4.0], [9.0]]) == (0.0, "")
     assert compare(controller, [[4.0], [9.0], [16.0], [25.0]]) == (0.0, "")
     assert compare(controller, [[1.0], [4.0], [9.0], [15.0]]) == (1.0 / 16.0, "y")
+
+
+def test_a_crash_loses_one_job_and_a_hang_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = tmp_path / "importer.py"
+    script.write_text(
+        "import json, os, sys, time\n"
+        "for job in json.load(sys.stdin):\n"
+        "    if job == 'crash': os.abort()\n"
+        "    if job == 'hang': time.sleep(600)\n"
+        "    print(json.dumps({'rows': job}), flush=True)\n"
+    )
+    command = [sys.executable, str(script)]
+    found = results(command, ["a", "crash", "b"], {})
+    assert [f.get("rows") for f in found] == ["a", None, "b"]
+    assert "process ended (-6)" in found[1]["error"]
+    found = results(command, ["crash"] * 5, {})
+    assert [f["error"].partition(" (")[0] for f in found[:3]] == ["its process ended"] * 3
+    assert {f["error"] for f in found[3:]} == {"not tried after 3 crashes"}
+    monkeypatch.setattr(conform, "SECONDS_A_JOB", 1.0)
+    assert results(command, ["hang"], {}) == [{"error": "no end within 3 s"}]
+
+
+def test_a_program_without_a_path_is_named() -> None:
+    suite = Conformance({"importers": sys.executable}, {"fmusim": None}, Path())
+    importer = next(i for i in FMU_IMPORTERS if i.program == "fmusim")
+    line = table([suite.one(importer, [], "FMUs")])[2]
+    assert "not run: give --fmusim PATH" in line
 
 
 def test_failures_of_an_importer_are_reported(native: Path) -> None:
