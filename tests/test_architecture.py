@@ -17,6 +17,8 @@ TRAVELLING = ["cosim.model", "cosim.units", "cosim.errors"]
 
 ROOMS: list[tuple[str, list[str]]] = [
     # pattern of files (the first that fits counts), modules they may import beside the standard library
+    ("fmus/references/experiments.py", ["cosim.model", "cosim.validation.exact", "fmus"]),
+    ("fmus/references/icons.py", ["matplotlib", "numpy", "PIL"]),
     ("fmus/*", ["cosim.model", "fmus.physics"]),
     ("src/cosim/model.py", TRAVELLING),
     ("src/cosim/units.py", TRAVELLING),
@@ -41,6 +43,8 @@ ROOMS: list[tuple[str, list[str]]] = [
     ("src/cosim/verify.py", ["cosim.errors", "cosim.fmu", "cosim.lsref", "fmpy", "lxml", "numpy"]),
     ("src/cosim/verify_plot.py", ["cosim.errors", "cosim.plots", "cosim.verify", "numpy", "matplotlib"]),
     ("src/cosim/verify_command.py", ["cosim.errors", "cosim.verify", "cosim.verify_plot", "rich"]),
+    ("src/cosim/validation/exact.py", [*TRAVELLING, "cosim.lsref", "numpy", "scipy"]),
+    ("src/cosim/validation/make.py", ["cosim", "PIL"]),
     ("src/cosim/cli.py", ["cosim", "rich"]),
 ]
 """Modules that stand on these (studies, design tools) are free to use all of them, and none of these uses them."""

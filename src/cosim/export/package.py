@@ -24,6 +24,7 @@ from typing import Literal
 from ..errors import CosimError, DescriptionError, suggest
 from ..model import Component
 from .embed import BINARIES, PROXY, library, resources
+from .reference import asset_files, assets
 
 Flavour = Literal["native", "python"]
 NATIVE = Path(__file__).with_name("native")
@@ -120,6 +121,7 @@ class Workspace:
             *(package / f"{module}.py" for module in ("model", "units", "errors")),
             *sorted(Path(__file__).parent.glob("*.py")),
             *sorted(NATIVE.glob("*.[ch]")),
+            *asset_files(self.components()[name]),
             *((PROXY,) if flavour == "python" else ()),
         ]
         digest = hashlib.sha256()
@@ -189,7 +191,8 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     Raises TraceError for equations that cannot be traced, BuildError for C that does not compile.
     """
     from .code import model_c
-    from .description import build_description, documentation, model_description
+    from .description import build_description, model_description
+    from .page import documentation
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
@@ -203,6 +206,7 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
         "modelDescription.xml": model_description(traced, guid, version, sources=SOURCES),
         "documentation/index.html": documentation(traced, version),
         "documentation/licenses/license.txt": licence,
+        **assets(kind),
         "sources/buildDescription.xml": build_description(kind, SOURCES),
         **{f"sources/{name}": content for name, content in sources.items()},
     }
@@ -221,7 +225,8 @@ def build_python(
     ``platforms`` are keys of ``embed.BINARIES``, by default this machine's; ``root`` holds the component's package
     ``fmus``. Raises TraceError, as dependencies come from the trace, EmbedError and BuildError.
     """
-    from .description import documentation, model_description
+    from .description import model_description
+    from .page import documentation
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
@@ -238,6 +243,7 @@ def build_python(
         "documentation/index.html": documentation(traced, version, native=False),
         "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
+        **assets(kind),
         "resources/guid.txt": guid.encode(),
         **{f"resources/{path}": content for path, content in embedded.items()},
     }
