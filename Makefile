@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test lint fmus study bench conformance platforms clean
+.PHONY: demo test lint fmus wheel study bench conformance platforms clean
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
@@ -20,6 +20,11 @@ lint: $(INSTALLED)
 fmus: $(INSTALLED)
 	$(BIN)/python build_fmus.py
 
+# wheel with the FMUs of all platforms, and sdist; the first compilation for Windows takes minutes
+wheel: $(INSTALLED)
+	$(BIN)/python build_fmus.py --platform all --output build/fmus/release
+	$(BIN)/hatchling build --directory build/dist
+
 study: fmus
 	for name in $(notdir $(wildcard studies/*)); do \
 		$(BIN)/cosim study $$name --output build/studies/$$name || exit 1; done
@@ -33,11 +38,12 @@ conformance: $(INSTALLED)
 	$(BIN)/python build_fmus.py --flavour both
 	test -x build/importers/bin/python || $(PYTHON) -m venv build/importers
 	build/importers/bin/python -m pip install --quiet --requirement tests/importers/requirements.txt
+	$(BIN)/python -m pytest tests/importers/follow.py
 	$(BIN)/python -m tests.importers.conform --python build/importers/bin/python
 
 # win64 under wine, aarch64-linux under qemu (Debian: wine, qemu-user, libc6-arm64-cross)
 platforms: $(INSTALLED)
-	$(BIN)/python -m pytest tests/importers/platforms.py -rs
+	$(BIN)/python -m pytest tests/importers/platforms.py tests/importers/binaries.py -rs
 
 clean:
 	rm -rf build .pytest_cache .ruff_cache .hypothesis

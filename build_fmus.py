@@ -1,4 +1,4 @@
-"""Build the FMUs: ``python build_fmus.py [NAME ...] [--flavour native|python|both] [--platform host|all]``.
+"""Build the FMUs: ``build_fmus.py [NAME ...] [--flavour native|python|both] [--fmi 2|3] [--platform host|all]``.
 
 ``python build_fmus.py --references [NAME ...]`` makes again what FMUs carry beside their models: reference results,
 validation picture and icon, in ``fmus/references``.
@@ -20,6 +20,7 @@ from cosim.export.package import TARGETS, Flavour, Workspace, host_platform
 
 ROOT = Path(__file__).resolve().parent
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
+LABELS: dict[Flavour, str] = {"native": "Native", "python": "Python", "fmi3": "Native FMI 3.0"}
 
 
 def _arguments() -> argparse.Namespace:
@@ -28,19 +29,23 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--flavour", choices=["native", "python", "both"], default="native", help="compiled, or Python with PythonFMU"
     )
+    parser.add_argument("--fmi", type=int, choices=[2, 3], default=2, help="version of the interface (default: 2)")
     parser.add_argument("--platform", choices=["host", "all", *TARGETS], default="host", help="default: host")
     parser.add_argument(
         "--output",
         type=Path,
         metavar="DIR",
-        help="default: build/fmus/native or build/fmus/python; with --flavour both, DIR/native and DIR/python",
+        help="default: build/fmus/native, /python or /fmi3; with --flavour both, DIR/native and DIR/python",
     )
     parser.add_argument(
         "--references",
         action="store_true",
         help="make the reference results, validation pictures and icons in fmus/references anew, build nothing",
     )
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.fmi == 3 and arguments.flavour != "native":
+        parser.error("--fmi 3: PythonFMU makes FMI 2.0 only. Leave --flavour out.")
+    return arguments
 
 
 def _references(names: list[str], console: Console) -> int:
@@ -67,7 +72,7 @@ def _references(names: list[str], console: Console) -> int:
 
 def _platforms(choice: str, flavour: Flavour) -> tuple[str, ...]:
     if choice == "all":
-        return tuple(TARGETS if flavour == "native" else BINARIES)
+        return tuple(BINARIES if flavour == "python" else TARGETS)
     return (host_platform() if choice == "host" else choice,)
 
 
@@ -79,13 +84,13 @@ def _build(names: list[str], output: Path, platforms: tuple[str, ...], flavour: 
     if stale:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         with Progress(*columns, console=console) as progress:
-            task = progress.add_task(f"Building {flavour} FMUs", total=len(stale))
+            task = progress.add_task(f"Building {LABELS[flavour]} FMUs", total=len(stale))
             for name, spent, error in WORKSPACE.build(stale, output, platforms, flavour):
                 seconds[name] = spent
                 if error:
                     problems[name] = str(error)
                 progress.advance(task)
-    table = Table(title=f"{flavour.capitalize()} FMUs in {output} for {', '.join(platforms)}")
+    table = Table(title=f"{LABELS[flavour]} FMUs in {output} for {', '.join(platforms)}")
     for head in ("FMU", "size / kB", "time / s", "state"):
         table.add_column(head, justify="left" if head in ("FMU", "state") else "right")
     for name in names:
@@ -102,7 +107,13 @@ def _build(names: list[str], output: Path, platforms: tuple[str, ...], flavour: 
 def main() -> int:
     """Build the flavours asked for; exit code 2 for a wrong name, 1 if a component cannot be built."""
     arguments, console = _arguments(), Console()
-    flavours: tuple[Flavour, ...] = ("native", "python") if arguments.flavour == "both" else (arguments.flavour,)
+    flavours: tuple[Flavour, ...] = (
+        ("fmi3",)
+        if arguments.fmi == 3
+        else ("native", "python")
+        if arguments.flavour == "both"
+        else (arguments.flavour,)
+    )
     try:
         names = WORKSPACE.select(arguments.names)
         if arguments.references:

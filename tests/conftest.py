@@ -32,3 +32,9 @@ def native() -> Path:
 def python() -> Path:
     """The folder of the Python FMUs, every one current."""
     return built("python")
+
+
+@pytest.fixture(scope="session")
+def fmi3() -> Path:
+    """The folder of the FMI 3.0 FMUs, every one current."""
+    return built("fmi3")

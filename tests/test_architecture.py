@@ -30,6 +30,7 @@ ROOMS: list[tuple[str, list[str]]] = [
     ("src/cosim/fmu.py", ["cosim.errors", "fmpy.model_description"]),
     ("src/cosim/system.py", ["cosim.errors", "cosim.units", "cosim.fmu", "cosim.ssp"]),
     ("src/cosim/ssp.py", ["cosim.errors", "cosim.units", "cosim.fmu", "cosim.system", "fmpy", "lxml"]),
+    ("src/cosim/handout.py", ["cosim.errors"]),
     ("src/cosim/results.py", ["cosim.errors", "numpy", "pandas", "pyarrow"]),
     ("src/cosim/loop.py", ["numpy", "llvmlite", "cosim.kernel"]),
     ("src/cosim/kernel.py", ["cosim.loop", "numba", "numpy", "llvmlite"]),

@@ -60,7 +60,7 @@ def page_of(path: Path) -> tuple[str, set[str]]:
         return archive.read("documentation/index.html").decode(), set(archive.namelist())
 
 
-@pytest.mark.parametrize("flavour", ["native", "python"])
+@pytest.mark.parametrize("flavour", ["native", "python", "fmi3"])
 @pytest.mark.parametrize("name", COMPONENTS)
 def test_pages_are_well_formed_and_every_link_leads_into_the_fmu(
     flavour: str, name: str, request: pytest.FixtureRequest
@@ -69,7 +69,8 @@ def test_pages_are_well_formed_and_every_link_leads_into_the_fmu(
     reader = Reader(page)
     assert page.startswith("<!DOCTYPE html>")
     assert "script" not in reader.seen
-    assert {"../model.png", "validation.png", "fmi-ls-ref.txt"} < set(reader.links)
+    icon = "../terminalsAndIcons/icon.png" if flavour == "fmi3" else "../model.png"
+    assert {icon, "validation.png", "fmi-ls-ref.txt"} < set(reader.links)
     for link in reader.links:
         target = PurePosixPath("documentation") / link
         assert str(target).replace("documentation/../", "") in members, link

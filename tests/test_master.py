@@ -561,7 +561,7 @@ def test_interrupt_in_the_middle_of_the_compiled_loop(fmus: Path) -> None:
 # Results
 
 
-def test_result_knows_units_and_origin(make: Make, tmp_path: Path) -> None:
+def test_result_knows_units_and_origin(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     system = make({"plant": {"fmu": "Lag"}, "a": {}}, "a.y -> plant.command")
     result = simulate(system)
     assert result.unit("plant.position") == "m"
@@ -575,6 +575,9 @@ def test_result_knows_units_and_origin(make: Make, tmp_path: Path) -> None:
     assert frame["a.y"].to_numpy().tolist() == result["a.y"].tolist()
     assert frame.index.name == "time"
     assert frame.attrs["units"]["plant.position"] == "m"
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(DescriptionError, match="to_dataframe needs pandas"):
+        result.to_dataframe()
 
 
 def test_csv_reads_back_the_same(make: Make, tmp_path: Path) -> None:

@@ -32,9 +32,10 @@ def state_matrix(controller: PPi) -> np.ndarray:
     q = math.exp(-b * T_s / m)
 
     def step(vector: list[float]) -> list[float]:
-        x, v, *inner = vector
-        inner.insert(1, 1.0)
-        state = controller.State(**fill(controller.State, iter(inner)))
+        x, v, integral, position_last, velocity_last = vector
+        state = controller.State(
+            integral=integral, started=1.0, position_last=position_last, velocity_last=velocity_last
+        )
         u = controller.Input(position=x, velocity=v)
         y = controller.output(0.0, state, u)
         after: Any = controller.update(0.0, state, u, y)

@@ -112,7 +112,7 @@ def test_experiments_are_as_they_are_described(name: str, validation: Validation
     assert validate(parameters.read_bytes(), "SystemStructureParameterValues") == []
 
 
-@pytest.mark.parametrize("flavour", ["native", "python"])
+@pytest.mark.parametrize("flavour", ["native", "python", "fmi3"])
 def test_every_fmu_meets_its_references(flavour: str, request: pytest.FixtureRequest) -> None:
     paths = [request.getfixturevalue(flavour) / f"{name}.fmu" for name in COMPONENTS]
     for report in verify_all(paths):

@@ -13,7 +13,7 @@ from fmu_files import PROBE, Variable, description, library_name, write_fmu, wri
 
 from cosim.errors import DescriptionError
 from cosim.fmu import read_fmu
-from cosim.system import System, find_fmus, make_system, parse_value, read_system
+from cosim.system import System, find_fmus, make_system, parse_value, read_system, shipped_file
 
 SOURCE = (Variable("y", "output", 0, unit="m"),)
 PLANT = (
@@ -774,3 +774,21 @@ def test_only_what_runs_here_is_unpacked(tmp_path: Path) -> None:
     assert library.read_bytes() == b"here"
     files = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*") if path.is_file()}
     assert files == {library_name(), "resources/a/data.txt"}
+
+
+def test_files_that_come_with_cosim_are_found_by_name(
+    tmp_path: Path, native: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = shipped_file("shams2010/fsmc_5sin")
+    assert found.parts[-3:] == ("studies", "shams2010", "fsmc_5sin.toml")
+    assert found.is_file()
+    assert shipped_file("studies/shams2010/fsmc_5sin.toml") == found
+    assert shipped_file("studies/maeda2008/sweeps/gain_friction.toml").is_file()
+    assert read_system("shams2010/fsmc_5sin", fmus=native).steps == 100000
+    for own in ("shams2010/nothing", "nothing.toml", "shams2010", str(tmp_path / "shams2010" / "fsmc_5sin.toml")):
+        assert shipped_file(own) == Path(own)
+    mine = tmp_path / "studies" / "shams2010"
+    mine.mkdir(parents=True)
+    (mine / "fsmc_5sin.toml").write_text("")
+    assert shipped_file("studies/shams2010/fsmc_5sin.toml") == Path("studies/shams2010/fsmc_5sin.toml")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
-from cosim.model import Choice, Controller, Experiment, Record, parameter, sign, sqrt, variable, where
-from fmus.physics.sampling import VelocitySource, measured_velocity, saturate, winds_up
+from cosim.model import Choice, parameter, sign, sqrt, variable, where
+from fmus.physics.linear_motor_control import LinearMotorController
+from fmus.physics.sampling import measured_velocity, winds_up
 
 
 class Switching(Choice):
@@ -15,7 +14,7 @@ class Switching(Choice):
     relay = 2, "W_relay*sign(S): the printed formula, chatters"
 
 
-class SuperTwisting(Controller):
+class SuperTwisting(LinearMotorController):
     """Super-twisting sliding mode control on a PID surface, with equivalent control from estimated mass and damping.
 
         error = position_ref - position
@@ -39,48 +38,21 @@ class SuperTwisting(Controller):
     Int. J. Control 58 (1993) 1247-1263, have it.
     """
 
-    T_s: float = parameter(1e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")
     mu: float = parameter(25.0, "1/s", "Weight of the error in the surface", min=0.0, nominal=10.0)
     lambda_: float = parameter(156.25, "1/s2", "Weight of the error integral in the surface", min=0.0, nominal=100.0)
     Lambda: float = parameter(0.18, "N.s0.5/m0.5", "Gain of the root of the surface", min=0.0)
     W: float = parameter(3.4e-3, "N/s", "Gain of the integral of sign(S)", min=0.0, nominal=1e-3)
     switching: Switching = parameter(Switching.integral, "1", "How the second switching term acts")
     W_relay: float = parameter(3.4e-3, "N", "Amplitude of the relay", min=0.0, nominal=1e-3)
-    m_hat: float = parameter(11.0, "kg", "Estimated moving mass", min=0.0, nominal=10.0)
-    b_hat: float = parameter(255.0, "N.s/m", "Estimated viscous damping", min=0.0, nominal=100.0)
-    k_t: float = parameter(2.0, "A/V", "Amplifier gain", min=1e-9)
-    K_a: float = parameter(50.0, "N/A", "Motor force constant", min=1e-9, nominal=10.0)
-    command_max: float = parameter(0.0, "V", "Limit of the command, 0 for none", min=0.0)
-    velocity_source: VelocitySource = parameter(VelocitySource.difference, "1", "Where the velocity comes from")
-    velocity_filter_time: float = parameter(
-        1e-3, "s", "Time constant of the velocity filter, 0 for none", min=0.0, nominal=1e-3, display_unit="ms"
-    )
 
-    experiment: ClassVar[Experiment] = Experiment(stop_time=20.0, step_size=1e-4)
-
-    class State(Record):
+    class State(LinearMotorController.State):
         v: float = variable(0.0, "N", "Integral of the switching law", nominal=1e-3)
         integral_error: float = variable(0.0, "m.s", "Integral of the position error", nominal=1e-6)
-        started: float = variable(0.0, "1", "1 after the first sample")
-        position_last: float = variable(0.0, "m", "Position of the sample before", nominal=1e-6)
-        velocity_last: float = variable(0.0, "m/s", "Velocity estimate of the sample before", nominal=1e-6)
 
-    class Input(Record):
-        position_ref: float = variable(0.0, "m", "Position reference", nominal=1e-6, display_unit="um")
-        velocity_ref: float = variable(0.0, "m/s", "Velocity reference", nominal=1e-6, display_unit="um/s")
-        acceleration_ref: float = variable(0.0, "m/s2", "Acceleration reference", nominal=1e-6)
-        position: float = variable(0.0, "m", "Measured position", nominal=1e-6, display_unit="um")
-        velocity: float = variable(0.0, "m/s", "Measured velocity", nominal=1e-6, display_unit="um/s")
-        disturbance_estimate: float = variable(0.0, "N", "Estimated force towards positive position", nominal=1e-3)
-
-    class Output(Record):
-        command: float = variable(0.0, "V", "Command of the amplifier", nominal=1e-3)
-        force: float = variable(0.0, "N", "Motor force of this command", nominal=1e-3)
-        error: float = variable(0.0, "m", "Position error", nominal=1e-6, display_unit="um")
+    class Output(LinearMotorController.Output):
         sliding_surface: float = variable(0.0, "m/s", "Sliding surface S", nominal=1e-6, display_unit="um/s")
-        velocity_estimate: float = variable(0.0, "m/s", "Measured velocity used", nominal=1e-6, display_unit="um/s")
 
-    def output(self, t: float, x: State, u: Input) -> Output:
+    def output(self, t: float, x: State, u: LinearMotorController.Input) -> Output:
         velocity = measured_velocity(self, x, u)
         error = u.position_ref - u.position
         S = u.velocity_ref - velocity + self.mu * error + self.lambda_ * x.integral_error
@@ -89,7 +61,7 @@ class SuperTwisting(Controller):
         second = x.v if self.switching is Switching.integral else self.W_relay * sign(S)
         equivalent = self.m_hat * (u.acceleration_ref + self.lambda_ * error) + self.b_hat * u.velocity_ref
         force = equivalent + self.Lambda * root * sign(S) + second - u.disturbance_estimate
-        command = saturate(force / (self.k_t * self.K_a), self.command_max)
+        command = self.limited_command(force)
         return self.Output(
             command=command,
             force=self.k_t * self.K_a * command,
@@ -98,7 +70,7 @@ class SuperTwisting(Controller):
             velocity_estimate=velocity,
         )
 
-    def update(self, t: float, x: State, u: Input, y: Output) -> State:
+    def update(self, t: float, x: State, u: LinearMotorController.Input, y: Output) -> State:
         toward = sign(y.sliding_surface)
         v_held = winds_up(y.command, self.command_max, toward)
         error_held = winds_up(y.command, self.command_max, y.error)

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 MAX_SHOWN_MESSAGES = 20
 PIPE_WIDTH = 140
 """Width of tables that go to a file or a pipe."""
+TOOLS = ("control", "distributed", "scipy")
+"""Packages of the extra ``tools``, which design tools need."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,6 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CosimError as error:
         _complain(str(error))
         return 1
+    except ModuleNotFoundError as error:
+        if error.name not in TOOLS:
+            raise
+        _complain(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
+        return 2
     except KeyboardInterrupt:
         _complain("Interrupted.")
         return 130
@@ -133,6 +140,21 @@ def _parser() -> argparse.ArgumentParser:
     _fmus_argument(listing)
     listing.set_defaults(command=_list)
 
+    fmus = commands.add_parser(
+        "fmus", help="hand FMUs out", description="Hand FMUs out; 'cosim list' shows which there are."
+    ).add_subparsers(metavar="WHAT", required=True)
+    copy = fmus.add_parser(
+        "copy",
+        help="copy FMUs into a folder, for other tools",
+        description="Copy FMUs into a folder, for other tools. Files that are the same already stay as they are.",
+        epilog="Example: cosim fmus copy my_fmus BallscrewStage FuzzySlidingMode Trajectory",
+    )
+    copy.add_argument("folder", type=Path, metavar="DIR", help="folder to copy to; it is made if it is not there")
+    copy.add_argument("names", nargs="*", metavar="NAME", help="FMUs, such as BallscrewStage (default: all)")
+    copy.add_argument("--force", action="store_true", help="replace files of the same name")
+    _fmus_argument(copy)
+    copy.set_defaults(command=_copy)
+
     study = commands.add_parser(
         "study",
         help="run a study and write its report",
@@ -178,7 +200,10 @@ def _system_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _fmus_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--fmus", type=Path, metavar="DIR", help="folder of FMUs given by name (default: build/fmus/native)"
+        "--fmus",
+        type=Path,
+        metavar="DIR",
+        help="folder of FMUs given by name (default: build/fmus/native, else those installed)",
     )
 
 
@@ -231,16 +256,12 @@ def _system(options: argparse.Namespace) -> System:
 
 
 def _system_path(text: str) -> Path:
-    from .system import shipped_systems
+    from .system import shipped_file, shipped_systems
 
-    if Path(text).exists():
-        return Path(text)
-    shipped = shipped_systems()
-    if text in shipped:
-        return shipped[text]
-    if text.endswith((".toml", ".ssp", ".ssd")):
-        return Path(text)
-    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped)}")
+    path = shipped_file(text)
+    if path.exists() or text.endswith((".toml", ".ssp", ".ssd")):
+        return path
+    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped_systems())}")
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -528,20 +549,51 @@ def _fmu_path(text: str, folder: Path | None) -> Path:
     raise DescriptionError(f"no FMU '{text}' in {folder or 'build/fmus/native'}.{suggest(text, known)}")
 
 
+def _copy(options: argparse.Namespace) -> int:
+    from .handout import copy_fmus
+    from .system import find_fmus
+
+    source = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
+    if source is None:
+        raise DescriptionError("no FMUs found. Build them, or name their folder with --fmus.")
+    written = copy_fmus(source, options.folder, options.names, force=options.force)
+    console = _console()
+    if written:
+        names = ", ".join(path.stem for path in written)
+        console.print(f"Copied from {escape(str(source))} to {escape(str(options.folder))}: {escape(names)}")
+    else:
+        console.print(f"Nothing to copy: {escape(str(options.folder))} holds them already.")
+    return 0
+
+
 def _list(options: argparse.Namespace) -> int:
     from .fmu import read_fmu
-    from .system import find_fmus, shipped_systems
+    from .system import PREBUILT, find_fmus, shipped_systems
 
     console = _console()
     folder = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
-    paths = sorted(folder.glob("*.fmu")) if folder is not None else []
-    console.print(f"[bold]FMUs[/] in {escape(str(folder))}" if paths else "No FMUs found. Build them, or give --fmus.")
-    table = Table.grid(padding=(0, 2))
-    for path in paths:
+    fmus: dict[Path, Fmu | str] = {}
+    for path in sorted(folder.glob("*.fmu")) if folder is not None else ():
         try:
-            table.add_row("", escape(path.stem), escape(read_fmu(path).text))
+            fmus[path] = read_fmu(path)
         except DescriptionError as error:
-            table.add_row("", escape(path.stem), f"[red]{escape(error.problems[0])}[/]")
+            fmus[path] = error.problems[0]
+    platforms = [set(fmu.platforms) for fmu in fmus.values() if not isinstance(fmu, str)]
+    common = set[str]().union(*platforms).intersection(*platforms)
+    where = f"in {folder}, installed with cosim" if folder == PREBUILT else f"in {folder}"
+    suited = f", for {', '.join(sorted(common))}" if common else ""
+    heading = f"[bold]FMUs[/] {escape(where + suited)}" if fmus else "No FMUs found. Build them, or give --fmus."
+    console.print(heading, soft_wrap=True)
+    table = Table.grid(padding=(0, 2))
+    for plain in (True, True, True, True, False):
+        table.add_column(no_wrap=plain)
+    for path, fmu in fmus.items():
+        size = f"{path.stat().st_size / 1024:.0f} kB"
+        if isinstance(fmu, str):
+            table.add_row("", escape(path.stem), "", size, f"[red]{escape(fmu)}[/]")
+            continue
+        more = f" (also for {', '.join(sorted(set(fmu.platforms) - common))})" if set(fmu.platforms) - common else ""
+        table.add_row("", escape(path.stem), escape(fmu.version), size, escape(fmu.text + more))
     console.print(table)
     systems = shipped_systems()
     console.print("[bold]Systems[/]" if systems else "No systems found.")

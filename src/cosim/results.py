@@ -92,8 +92,14 @@ class Result:
         return column.display_factor * self[name] + column.display_offset
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame over time; ``attrs`` holds the units and the metadata."""
-        pandas = import_module("pandas")
+        """A pandas DataFrame over time; ``attrs`` holds the units and the metadata.
+
+        pandas is no dependency of this package: raises DescriptionError if it is not installed.
+        """
+        try:
+            pandas = import_module("pandas")
+        except ModuleNotFoundError:
+            raise DescriptionError("to_dataframe needs pandas, which is not installed: pip install pandas.") from None
         frame = pandas.DataFrame(self.rows, index=pandas.Index(self.time, name="time"), columns=list(self.names))
         frame.attrs["units"] = {column.name: column.unit for column in self.columns}
         frame.attrs["metadata"] = dict(self.metadata)

@@ -52,6 +52,8 @@ Order = Literal["sequential", "parallel"] | tuple[str, ...]
 FMU_FOLDER = Path("build") / "fmus" / "native"
 
 _PACKAGE = Path(__file__).resolve().parent
+PREBUILT = _PACKAGE / "prebuilt"
+"""FMUs that come with the installed package; a checkout has none there."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _ARROW = re.compile(r"\s*(\S+)\s*->\s*(\S+)\s*")
@@ -198,10 +200,11 @@ def read_system(
 ) -> System:
     """Read and check the system at ``path`` (.toml, .ssp, .ssd); ``fmus`` is the folder of FMUs given by name.
 
+    A system that comes with cosim can be given by name, such as "shams2010/fsmc_5sin".
     ``overrides`` replaces start values (``{"plant.m": 70.0}``), the other arguments the experiment's.
     Raises DescriptionError with every problem found.
     """
-    path = Path(path)
+    path = shipped_file(path)
     loaded, folder = _read_ssp(path) if path.suffix.lower() in (".ssp", ".ssd") else (_load(path, ()), path.parent)
     document, problems = _changed(
         loaded,
@@ -838,12 +841,24 @@ def find_fmus(folder: Path) -> Path | None:
         for place in (start, *start.parents):
             if (place / FMU_FOLDER).is_dir():
                 return place / FMU_FOLDER
-    return next((place for place in (_PACKAGE / "fmus",) if place.is_dir()), None)
+    return PREBUILT if PREBUILT.is_dir() else None
 
 
 def study_folders() -> tuple[Path, ...]:
     """Where studies are looked for: beside the package's source tree, then inside the installed package."""
     return (_PACKAGE.parents[1] / "studies", _PACKAGE / "studies")
+
+
+def shipped_file(path: str | Path) -> Path:
+    """``path``; if there is no such file, the one of that name which comes with cosim, if there is one.
+
+    The name is that in the folder ``studies``: ``shams2010/fsmc_5sin`` or ``studies/shams2010/fsmc_5sin.toml``.
+    """
+    path = Path(path)
+    name = path.relative_to("studies") if path.is_relative_to("studies") else path
+    places = () if path.exists() or path.is_absolute() else study_folders()
+    candidates = (place / f"{name.as_posix()}{ending}" for place in places for ending in ("", ".toml"))
+    return next(filter(Path.is_file, candidates), path)
 
 
 def shipped_systems() -> dict[str, Path]:

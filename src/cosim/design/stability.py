@@ -31,7 +31,7 @@ from ..errors import DescriptionError, suggest
 from ..master import Simulation
 from ..metrics import Array
 from ..results import Result
-from ..system import System, read_system
+from ..system import System, read_system, shipped_file
 from .identify import identify_nct
 from .linearize import StateSpace
 
@@ -430,7 +430,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
 
     Raises DescriptionError.
     """
-    path = Path(path)
+    path = shipped_file(path)
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -53,7 +53,7 @@ from ..fmu import Variable
 from ..master import Simulation
 from ..results import Result
 from ..study import tracking
-from ..system import System, make_system, read_system, start_value
+from ..system import System, make_system, read_system, shipped_file, start_value
 
 METHODS = ("grid", "list", "latin", "sobol")
 BATCH_SECONDS = 1.0
@@ -125,7 +125,7 @@ class Sweep:
 
 def read_sweep(path: str | Path, *, fmus: str | Path | None = None) -> Sweep:
     """Read and check a sweep file. Raises DescriptionError with every problem found."""
-    path = Path(path)
+    path = shipped_file(path)
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"), parse_float=Decimal)
     except FileNotFoundError:

@@ -39,6 +39,7 @@ import numpy as np
 from ..errors import CosimError, DescriptionError, suggest
 from ..master import Simulation
 from ..metrics import Array
+from ..system import shipped_file
 from .sweep import Range, Sweep, make_sweep, measure, read_range
 
 WORST = 1e6
@@ -85,7 +86,7 @@ class Tuned:
 
 def read_tuning(path: str | Path, *, fmus: str | Path | None = None) -> Tuning:
     """Read and check a tuning file. Raises DescriptionError."""
-    path = Path(path)
+    path = shipped_file(path)
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"), parse_float=Decimal)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -1,16 +1,18 @@
-"""The generated model.c: sizes, tables and traced functions in front of the runtime."""
+"""The generated model.c: sizes, tables and traced functions in front of the interface and its core."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..model import Controller, Plant
-from .layout import Variable, layout, reference_of
+from .layout import Fmi, Variable, fmi3_variables, layout, reference_of
 from .trace import Trace
 
-_ROLES = {name: name.upper() for name in ("fixed", "tunable", "input", "state", "output", "derivative", "counter")}
-_TYPES = {"Real": "REAL", "Integer": "INTEGER", "Enumeration": "INTEGER", "Boolean": "BOOLEAN"}
+_TYPES: Mapping[Fmi, Mapping[str, str]] = {
+    2: {"Real": "REAL", "Integer": "INTEGER", "Enumeration": "INTEGER", "Boolean": "BOOLEAN"},
+    3: {"Real": "REAL", "Integer": "INTEGER", "Enumeration": "ENUMERATION", "Boolean": "BOOLEAN"},
+}
 
 _HEAD = """\
 /* Generated from the declaration of {name}: do not edit. Indices: see the table of variables below. */
@@ -30,8 +32,8 @@ typedef struct {{
     double min;
     double max;
 }} Variable;
-enum {{ REAL, INTEGER, BOOLEAN, STRING }};
-enum {{ FIXED, TUNABLE, INPUT, STATE, OUTPUT, DERIVATIVE, COUNTER }};
+enum {{ REAL, INTEGER, BOOLEAN, STRING, ENUMERATION, UNSIGNED }};
+enum {{ FIXED, TUNABLE, INPUT, STATE, OUTPUT, DERIVATIVE, COUNTER, INDEPENDENT }};
 
 #include <math.h>
 
@@ -53,10 +55,11 @@ typedef struct {
 """
 
 
-def model_c(trace: Trace, guid: str) -> str:
-    """The text of model.c."""
+def model_c(trace: Trace, guid: str, fmi: Fmi = 2) -> str:
+    """The text of model.c for one version of FMI."""
     variables = layout(trace)
     kind = trace.kind
+    listed = variables if fmi == 2 else (*variables, fmi3_variables(kind)[-1][0])
     sizes = {
         "N_PARAMETERS": len(trace.parameters),
         "N_INPUTS": len(trace.inputs),
@@ -64,6 +67,7 @@ def model_c(trace: Trace, guid: str) -> str:
         "N_CONTINUOUS": trace.n_continuous,
         "N_OUTPUTS": len(trace.outputs),
         "N_VARIABLES": len(variables),
+        "N_REFERENCES": len(listed),
         "N_CONSTANTS": trace.n_constants,
         "N_RULES": len(trace.rules),
         "N_CHOICES": len(trace.choices),
@@ -81,7 +85,8 @@ def model_c(trace: Trace, guid: str) -> str:
     head = _HEAD.format(
         name=kind.__name__, guid=guid, kind=label, sizes="".join(f"#define {k} {v}\n" for k, v in sizes.items())
     )
-    return head + _table(variables) + _choices(trace) + trace.functions + _VARIANT + _variants(trace) + _tail(trace)
+    tables = _table(listed, fmi) + (_lengths(trace) if fmi == 3 else "") + _choices(trace)
+    return head + tables + trace.functions + _VARIANT + _variants(trace) + _tail(trace, fmi)
 
 
 def _plain(variables: Sequence[Variable], roles: Sequence[str]) -> bool:
@@ -90,13 +95,21 @@ def _plain(variables: Sequence[Variable], roles: Sequence[str]) -> bool:
     return all(v.type == "Real" and (v.role != "input" or (v.min, v.max) == (-math.inf, math.inf)) for v in chosen)
 
 
-def _table(variables: Sequence[Variable]) -> str:
+def _table(variables: Sequence[Variable], fmi: Fmi) -> str:
+    def kind(v: Variable) -> str:
+        return "UNSIGNED" if v.role == "counter" and fmi == 3 else _TYPES[fmi][v.type]
+
     rows = "".join(
-        f'    /* {v.reference} */ {{"{v.name}", "{v.unit}", {_TYPES[v.type]}, {_ROLES[v.role]}, '
+        f'    /* {v.reference} */ {{"{v.name}", "{v.unit}", {kind(v)}, {v.role.upper()}, '
         f"{c_number(v.start)}, {c_number(v.min)}, {c_number(v.max)}}},\n"
         for v in variables
     )
-    return f"static const Variable variables[N_VARIABLES] = {{\n{rows}}};\n\n"
+    return f"static const Variable variables[N_REFERENCES] = {{\n{rows}}};\n\n"
+
+
+def _lengths(trace: Trace) -> str:
+    numbers = [n for group in fmi3_variables(trace.kind) for n in (len(group), *[0] * (len(group) - 1))]
+    return f"static const int lengths[N_REFERENCES] = {{{', '.join(map(str, numbers))}}};\n\n"
 
 
 def _choices(trace: Trace) -> str:
@@ -115,12 +128,12 @@ def _variants(trace: Trace) -> str:
     return f"static const Variant variants[] = {{\n{rows}}};\n\n"
 
 
-def _tail(trace: Trace) -> str:
+def _tail(trace: Trace, fmi: Fmi) -> str:
     text = ""
     if issubclass(trace.kind, Plant):
         nominals = ", ".join(c_number(s.declaration.nominal) for s in trace.states[: trace.n_continuous]) or "1.0"
         text = f"static const double nominals[] = {{{nominals}}};\n\n"
-    return text + '#include "runtime.c"\n'
+    return text + f'#include "fmi{fmi}.c"\n'
 
 
 def c_number(value: float) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from ..model import Component, Plant
+from ..model import Choice, Component, Plant
 from ..units import BASE_UNITS, parse_unit
 from .layout import Variable, layout
 from .trace import Trace
@@ -55,7 +57,8 @@ def number(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
 
 
-def _xml(root: Element) -> bytes:
+def xml_bytes(root: Element) -> bytes:
+    """The document of ``root``, indented."""
     indent(root, "  ")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root) + b"\n"
 
@@ -111,8 +114,18 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
             files = SubElement(element, "SourceFiles")
             for name in sources:
                 SubElement(files, "File", name=name)
-    _units(root, variables)
+    add_units(root, variables)
     _types(root, variables)
+    add_experiment(root, kind, variables)
+    listed = SubElement(root, "ModelVariables")
+    for variable in variables:
+        listed.append(_scalar_variable(variable))
+    _structure(root, trace)
+    return xml_bytes(root)
+
+
+def add_experiment(root: Element, kind: type[Component], variables: Sequence[Variable]) -> None:
+    """Add LogCategories and DefaultExperiment, which are the same in FMI 2.0 and 3.0."""
     categories = SubElement(root, "LogCategories")
     for name, text in LOG_CATEGORIES:
         SubElement(categories, "Category", name=name, description=text)
@@ -126,14 +139,10 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
     tolerance = next((v.start for v in variables if v.name == "tolerance"), None)
     if issubclass(kind, Plant) and tolerance is not None:
         experiment.set("tolerance", number(tolerance))
-    listed = SubElement(root, "ModelVariables")
-    for variable in variables:
-        listed.append(_scalar_variable(variable))
-    _structure(root, trace, variables)
-    return _xml(root)
 
 
-def _units(root: Element, variables: Sequence[Variable]) -> None:
+def add_units(root: Element, variables: Sequence[Variable]) -> None:
+    """Add UnitDefinitions, which are the same in FMI 2.0 and 3.0."""
     definitions = SubElement(root, "UnitDefinitions")
     reals = [v for v in variables if v.type == "Real"]
     for name in sorted({v.unit for v in reals}):
@@ -156,24 +165,35 @@ def _clean(factor: float) -> float:
     return float(f"{factor:.15g}")
 
 
-def _types(root: Element, variables: Sequence[Variable]) -> None:
-    used = sorted({v.unit for v in variables if v.type == "Real" and v.unit in QUANTITIES}, key=QUANTITIES.__getitem__)
+def used_types(variables: Sequence[Variable]) -> tuple[list[str], list[type[Choice]]]:
+    """The units that make a type of their quantity, and the enumerations, each in the order of TypeDefinitions."""
+    units = sorted({v.unit for v in variables if v.type == "Real" and v.unit in QUANTITIES}, key=QUANTITIES.__getitem__)
     choices = {v.choice.__name__: v.choice for v in variables if v.choice}
-    if not used and not choices:
+    return units, [choices[name] for name in sorted(choices)]
+
+
+def _types(root: Element, variables: Sequence[Variable]) -> None:
+    units, choices = used_types(variables)
+    if not units and not choices:
         return
     definitions = SubElement(root, "TypeDefinitions")
-    for unit in used:
+    for unit in units:
         simple = SubElement(definitions, "SimpleType", name=QUANTITIES[unit])
         SubElement(simple, "Real", quantity=QUANTITIES[unit], unit=unit)
-    for name in sorted(choices):
-        simple = SubElement(definitions, "SimpleType", name=name)
-        items = SubElement(simple, "Enumeration")
-        for item in choices[name]:
-            SubElement(items, "Item", name=item.name, value=str(item.number), description=item.text)
+    for choice in choices:
+        simple = SubElement(definitions, "SimpleType", name=choice.__name__)
+        add_items(SubElement(simple, "Enumeration"), choice)
 
 
-def _scalar_variable(variable: Variable) -> Element:
-    causality, variability, initial = {
+def add_items(parent: Element, choice: type[Choice]) -> None:
+    """Add the items of an enumeration."""
+    for item in choice:
+        SubElement(parent, "Item", name=item.name, value=str(item.number), description=item.text)
+
+
+def classes(variable: Variable) -> tuple[str, str, str | None]:
+    """Causality, variability and ``initial`` of a variable."""
+    return {
         "fixed": ("parameter", "fixed", "exact"),
         "tunable": ("parameter", "tunable", "exact"),
         "input": ("input", "continuous" if variable.continuous else "discrete", None),
@@ -181,7 +201,12 @@ def _scalar_variable(variable: Variable) -> Element:
         "output": ("output", "continuous" if variable.continuous else "discrete", "calculated"),
         "derivative": ("local", "continuous", "calculated"),
         "counter": ("local", "discrete", "calculated"),
+        "independent": ("independent", "continuous", None),
     }[variable.role]
+
+
+def _scalar_variable(variable: Variable) -> Element:
+    causality, variability, initial = classes(variable)
     element = Element(
         "ScalarVariable",
         name=variable.name,
@@ -195,7 +220,9 @@ def _scalar_variable(variable: Variable) -> Element:
     value = SubElement(element, variable.type)
     starts = variable.role in ("fixed", "tunable", "input")
     if variable.type == "Real":
-        _real_attributes(value, variable)
+        set_real_attributes(value, variable)
+        if variable.state is not None:
+            value.set("derivative", str(variable.state + 1))
         if starts:
             value.set("start", number(variable.start))
     elif variable.type == "Boolean":
@@ -204,15 +231,21 @@ def _scalar_variable(variable: Variable) -> Element:
     else:
         if variable.choice:
             value.set("declaredType", variable.choice.__name__)
-        for name, bound in (("min", variable.min), ("max", variable.max)):
-            if math.isfinite(bound):
-                value.set(name, str(int(bound)))
+        set_whole_bounds(value, variable)
         if starts:
             value.set("start", str(int(variable.start)))
     return element
 
 
-def _real_attributes(value: Element, variable: Variable) -> None:
+def set_whole_bounds(value: Element, variable: Variable) -> None:
+    """Set the bounds of a whole number as attributes."""
+    for name, bound in (("min", variable.min), ("max", variable.max)):
+        if math.isfinite(bound):
+            value.set(name, str(int(bound)))
+
+
+def set_real_attributes(value: Element, variable: Variable) -> None:
+    """Set type, unit, bounds and nominal of a Real (Float64 in FMI 3.0) as attributes."""
     if variable.unit in QUANTITIES:
         value.set("declaredType", QUANTITIES[variable.unit])
         value.set("quantity", QUANTITIES[variable.unit])
@@ -224,44 +257,51 @@ def _real_attributes(value: Element, variable: Variable) -> None:
             value.set(name, number(bound))
     if variable.nominal != 1.0:
         value.set("nominal", number(variable.nominal))
-    if variable.state is not None:
-        value.set("derivative", str(variable.state + 1))
 
 
-def _structure(root: Element, trace: Trace, variables: Sequence[Variable]) -> None:
-    def indices(role: str) -> list[int]:
-        return [v.reference + 1 for v in variables if v.role == role]
+@dataclass(frozen=True)
+class Dependencies:
+    """Value references of the unknowns of ModelStructure, each with those of what it depends on."""
 
-    inputs, states, outputs, derivatives = map(indices, ("input", "state", "output", "derivative"))
-    parameters = [v.reference + 1 for v in variables if v.role in ("fixed", "tunable")]
+    outputs: Mapping[int, Sequence[int]]
+    derivatives: Mapping[int, Sequence[int]]
+    initial: Mapping[int, Sequence[int]]
+
+
+def dependencies(trace: Trace) -> Dependencies:
+    """What depends on what, from the trace; ascending."""
+    variables = layout(trace)
+
+    def references(*roles: str) -> list[int]:
+        return [v.reference for v in variables if v.role in roles]
+
+    inputs, states, outputs = references("input"), references("state"), references("output")
+    derivatives, parameters = references("derivative"), references("fixed", "tunable")
     continuous = states[: trace.n_continuous]
 
-    def unknown(parent: Element, index: int, known: Iterable[int]) -> None:
-        SubElement(parent, "Unknown", index=str(index), dependencies=" ".join(str(i) for i in sorted(known)))
+    def known(used: frozenset[int], rows: frozenset[int]) -> list[int]:
+        return sorted([*(inputs[i] for i in used), *(continuous[i] for i in rows if i < trace.n_continuous)])
 
-    def known_states(rows: frozenset[int]) -> list[int]:
-        return [continuous[i] for i in rows if i < trace.n_continuous]
+    initial: dict[int, list[int]] = {}
+    for name, group in (("state", continuous), ("output", outputs), ("derivative", derivatives)):
+        for row, reference in enumerate(group):
+            needed, used = trace.initial_parameters[f"{name}{row}"], trace.initial_inputs[f"{name}{row}"]
+            initial[reference] = sorted([*(parameters[i] for i in needed), *(inputs[i] for i in used)])
+    return Dependencies(
+        {r: known(trace.output_inputs[row], trace.output_states[row]) for row, r in enumerate(outputs)},
+        {r: known(trace.derivative_inputs[row], trace.derivative_states[row]) for row, r in enumerate(derivatives)},
+        dict(sorted(initial.items())),
+    )
 
-    structure = SubElement(root, "ModelStructure")
-    listed = SubElement(structure, "Outputs")
-    for row, index in enumerate(outputs):
-        used = [inputs[i] for i in trace.output_inputs[row]]
-        unknown(listed, index, [*used, *known_states(trace.output_states[row])])
-    if derivatives:
-        listed = SubElement(structure, "Derivatives")
-        for row, index in enumerate(derivatives):
-            used = [inputs[i] for i in trace.derivative_inputs[row]]
-            unknown(listed, index, [*used, *known_states(trace.derivative_states[row])])
-    listed = SubElement(structure, "InitialUnknowns")
-    groups = [("state", continuous), ("output", outputs), ("derivative", derivatives)]
-    rows = [(index, f"{name}{row}") for name, group in groups for row, index in enumerate(group)]
-    for index, key in sorted(rows):
-        used = [parameters[i] for i in trace.initial_parameters[key]]
-        unknown(listed, index, [*used, *(inputs[i] for i in trace.initial_inputs[key])])
-    if not rows:
-        structure.remove(listed)
-    if not outputs:
-        structure.remove(structure[0])
+
+def _structure(root: Element, trace: Trace) -> None:
+    structure, found = SubElement(root, "ModelStructure"), dependencies(trace)
+    groups = (("Outputs", found.outputs), ("Derivatives", found.derivatives), ("InitialUnknowns", found.initial))
+    for name, unknowns in groups:
+        listed = SubElement(structure, name) if unknowns else None
+        for reference, known in unknowns.items() if listed is not None else ():
+            indices = " ".join(str(r + 1) for r in known)
+            SubElement(cast(Element, listed), "Unknown", index=str(reference + 1), dependencies=indices)
 
 
 def build_description(kind: type[Component], sources: Sequence[str]) -> bytes:
@@ -271,4 +311,4 @@ def build_description(kind: type[Component], sources: Sequence[str]) -> bytes:
     files = SubElement(configuration, "SourceFileSet", language="C99")
     for name in sources:
         SubElement(files, "SourceFile", name=name)
-    return _xml(root)
+    return xml_bytes(root)

@@ -14,7 +14,9 @@ from ..model import Choice, Component, Controller, Declaration, Plant, Record, d
 if TYPE_CHECKING:
     from .trace import Trace
 
-Role = Literal["fixed", "tunable", "input", "state", "output", "derivative", "counter"]
+Role = Literal["fixed", "tunable", "input", "state", "output", "derivative", "counter", "independent"]
+Fmi = Literal[2, 3]
+"""Major version of the interface."""
 Type = Literal["Real", "Integer", "Boolean", "Enumeration"]
 
 COUNTERS = (
@@ -75,6 +77,8 @@ class Variable:
     continuous: bool = True
     state: int | None = None
     """Value reference of the state this one is the derivative of."""
+    array: str | None = None
+    """Name of the array this one is an element of."""
 
 
 def layout(trace: Trace) -> tuple[Variable, ...]:
@@ -115,6 +119,7 @@ def variables_of(kind: type[Component]) -> tuple[Variable, ...]:
                 display_unit=declaration.display_unit,
                 choice=choice,
                 continuous=continuous,
+                array=None if declaration.length is None else declaration.name,
             )
         )
 
@@ -147,6 +152,22 @@ def variables_of(kind: type[Component]) -> tuple[Variable, ...]:
         for name, text in COUNTERS:
             found.append(Variable(len(found), name, "counter", "Integer", 0.0, "1", text, min=0.0, continuous=False))
     return tuple(found)
+
+
+def fmi3_variables(kind: type[Component]) -> tuple[tuple[Variable, ...], ...]:
+    """The variables of an FMI 3.0 FMU, each with its elements: parameter arrays are whole, and time comes last.
+
+    A value reference is that of the first element.
+    """
+    flat = variables_of(kind)
+    found: list[list[Variable]] = []
+    for variable in flat:
+        whole = variable.array is not None and variable.role in ("fixed", "tunable")
+        if whole and found and found[-1][0].array == variable.array:
+            found[-1].append(variable)
+        else:
+            found.append([variable])
+    return (*map(tuple, found), (Variable(len(flat), "time", "independent", "Real", 0.0, "s", "Time"),))
 
 
 def derivative_unit(unit: str) -> str:

@@ -24,11 +24,13 @@ from typing import Literal
 from ..errors import CosimError, DescriptionError, suggest
 from ..model import Component
 from .embed import BINARIES, PROXY, library, resources
+from .layout import Fmi
 from .reference import asset_files, assets
 
-Flavour = Literal["native", "python"]
+Flavour = Literal["native", "python", "fmi3"]
+"""FMI 2.0 native and with PythonFMU, FMI 3.0 native; also the names of the folders of each."""
 NATIVE = Path(__file__).with_name("native")
-RUNTIME = ("fmi2.h", "integrator.c", "integrator.h", "runtime.c")
+RUNTIME = ("core.c", "integrator.c", "integrator.h")
 SOURCES = ("model.c",)
 LIBRARIES = {"model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (
@@ -55,6 +57,14 @@ TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "aarch64-darwin": (("aarch64-macos.11.0",), ".dylib"),
 }
 """Platform folder of an FMU -> compiler targets (two make a universal binary) and file ending."""
+TUPLES: Mapping[str, tuple[str, ...]] = {
+    "linux64": ("x86_64-linux",),
+    "win64": ("x86_64-windows",),
+    "darwin64": ("x86_64-darwin", "aarch64-darwin"),
+    "aarch64-linux": ("aarch64-linux",),
+    "aarch64-darwin": ("aarch64-darwin",),
+}
+"""The folders of FMI 3.0 for the platforms of ``TARGETS``."""
 
 
 class BuildError(CosimError):
@@ -112,8 +122,8 @@ class Workspace:
             raise DescriptionError([f"no component '{name}'.{suggest(name, known)}" for name in unknown])
         return list(names or known)
 
-    def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
-        """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
+    def sources(self, name: str, flavour: Flavour = "native") -> str:
+        """A hash of the files of this project that the FMU is made from; it needs no tool that builds FMUs."""
         package = Path(__file__).parents[1]
         files = [
             self.components()[name],
@@ -127,6 +137,11 @@ class Workspace:
         digest = hashlib.sha256()
         for path in files:
             digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+        return digest.hexdigest()
+
+    def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
+        """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
+        digest = hashlib.sha256(self.sources(name, flavour).encode())
         for package_name in ("casadi", "ziglang", "motion-cosim", *(("pythonfmu",) if flavour == "python" else ())):
             digest.update(importlib.metadata.version(package_name).encode() + b"\0")
         digest.update(" ".join((flavour, *sorted(platforms))).encode())
@@ -152,19 +167,26 @@ class Workspace:
 
     def is_current(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> bool:
         """Whether ``target`` is the FMU that would be built now."""
-        stamp = self._stamp(target)
-        if not (target.is_file() and stamp.is_file()):
-            return False
-        known = json.loads(stamp.read_text())
-        key = self.key(name, platforms, flavour)
-        return known == {"key": key, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
+        return self._known(target, key=self.key(name, platforms, flavour))
+
+    def has_these_sources(self, name: str, target: Path, flavour: Flavour = "native") -> bool:
+        """Whether ``target`` was built from these files, whatever built it and for which platforms."""
+        return self._known(target, sources=self.sources(name, flavour))
 
     def remember(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> None:
         """Note that ``target`` has just been built."""
         stamp = self._stamp(target)
         stamp.parent.mkdir(parents=True, exist_ok=True)
-        entry = {"key": self.key(name, platforms, flavour), "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}
-        stamp.write_text(json.dumps(entry))
+        entry = {"key": self.key(name, platforms, flavour), "sources": self.sources(name, flavour)}
+        stamp.write_text(json.dumps({**entry, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}))
+
+    def _known(self, target: Path, **wanted: str) -> bool:
+        """Whether ``target`` is as it was when its stamp was written, and the stamp says what is wanted."""
+        stamp = self._stamp(target)
+        if not (target.is_file() and stamp.is_file()):
+            return False
+        known = json.loads(stamp.read_text())
+        return {**known, **wanted, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()} == known
 
     def _stamp(self, target: Path) -> Path:
         place = hashlib.sha256(str(target.resolve().parent).encode()).hexdigest()[:8]
@@ -176,42 +198,52 @@ def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple
     if str(workspace.root) not in sys.path:
         sys.path.insert(0, str(workspace.root))
     kind = workspace.component(name)
-    if flavour == "native":
-        target = build(kind, output, workspace.cache, platforms)
-    else:
+    if flavour == "python":
         target = build_python(kind, output, workspace.cache, platforms, workspace.root)
+    else:
+        target = build(kind, output, workspace.cache, platforms, 3 if flavour == "fmi3" else 2)
     workspace.remember(name, platforms, target, flavour)
     return time.perf_counter() - start
 
 
-def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = ()) -> Path:
-    """Export ``kind`` as a native FMI 2.0 co-simulation FMU; returns the path of ``output/NAME.fmu``.
+def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = (), fmi: Fmi = 2) -> Path:
+    """Export ``kind`` as a native co-simulation FMU of FMI 2.0 or 3.0; returns the path of ``output/NAME.fmu``.
 
     ``platforms`` are keys of ``TARGETS``, by default this machine's. ``cache`` keeps compiled binaries.
     Raises TraceError for equations that cannot be traced, BuildError for C that does not compile.
     """
     from .code import model_c
     from .description import build_description, model_description
+    from .description3 import model_description3
     from .page import documentation
+    from .terminals import terminals_and_icons
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
     traced = trace(kind)
-    blank = model_description(traced, "", version, sources=SOURCES) + model_c(traced, "").encode()
-    runtime = {name: (NATIVE / name).read_bytes() for name in RUNTIME}
-    guid = _guid(blank, *runtime.values())
-    sources = {"model.c": model_c(traced, guid).encode(), **runtime}
+
+    def described(guid: str) -> bytes:
+        if fmi == 3:
+            return model_description3(traced, guid, version)
+        return model_description(traced, guid, version, sources=SOURCES)
+
+    names = sorted((*RUNTIME, f"fmi{fmi}.c", f"fmi{fmi}.h"))
+    runtime = {name: (NATIVE / name).read_bytes() for name in names}
+    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *runtime.values())
+    sources = {"model.c": model_c(traced, guid, fmi).encode(), **runtime}
     licence = (Path(__file__).parents[3] / "LICENSE").read_bytes()
     files = {
-        "modelDescription.xml": model_description(traced, guid, version, sources=SOURCES),
-        "documentation/index.html": documentation(traced, version),
+        "modelDescription.xml": described(guid),
+        "documentation/index.html": documentation(traced, version, fmi=fmi),
         "documentation/licenses/license.txt": licence,
-        **assets(kind),
+        **assets(kind, fmi),
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
         "sources/buildDescription.xml": build_description(kind, SOURCES),
         **{f"sources/{name}": content for name, content in sources.items()},
     }
     for name in platforms or (host_platform(),):
-        files[f"binaries/{name}/{kind.__name__}{TARGETS[name][1]}"] = compile_binary(sources, name, cache)
+        for folder in TUPLES[name] if fmi == 3 else (name,):
+            files[f"binaries/{folder}/{kind.__name__}{TARGETS[name][1]}"] = compile_binary(sources, name, cache)
     target = output / f"{kind.__name__}.fmu"
     write_zip(target, files)
     return target
@@ -227,6 +259,7 @@ def build_python(
     """
     from .description import model_description
     from .page import documentation
+    from .terminals import terminals_and_icons
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
@@ -244,6 +277,7 @@ def build_python(
         "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
         **assets(kind),
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
         "resources/guid.txt": guid.encode(),
         **{f"resources/{path}": content for path, content in embedded.items()},
     }

@@ -14,8 +14,8 @@ from typing import Any
 from ..model import Component, Controller, Plant
 from ..units import conversion
 from .description import summary
-from .layout import Variable, layout
-from .reference import EXTRA, GUIDE, ICON, PICTURE, asset_files, measured
+from .layout import Fmi, Variable, layout
+from .reference import EXTRA, GUIDE, ICON, ICONS, PICTURE, asset_files, measured
 from .trace import Trace
 
 SIGNS = ("positive", "a positive", "sign:", "valid", "do not combine", "for a start at speed")
@@ -37,12 +37,12 @@ figcaption,footer{color:#555;font-size:.92rem}footer{border-top:1px solid #d5dde
 """.strip()
 
 
-def documentation(trace: Trace, version: str, *, native: bool = True) -> bytes:
+def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi = 2) -> bytes:
     """The page: equations and source from the docstring, tables of the variables, and what the validation gave."""
     kind = trace.kind
     name, variables = kind.__name__, layout(trace)
     carried = {path.name for path in asset_files(Path(inspect.getfile(kind)))}
-    icon = f'<img src="../{ICON}" alt="Icon of {name}">' if ICON in carried else ""
+    icon = f'<img src="../{ICONS[fmi]}" alt="Icon of {name}">' if ICON in carried else ""
     parts = [
         f"<header>{icon}<div><h1>{name}</h1><p>{_words(summary(kind))}</p></div></header>",
         *_text(kind),

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..model import Component
+from .layout import Fmi
 
 REFERENCES = "references"
 """Folder in ``fmus``."""
@@ -23,10 +24,11 @@ PICTURE, ICON, MEASURED = "validation.png", "model.png", "validation.json"
 PLACES = {
     PICTURE: f"documentation/{PICTURE}",
     GUIDE: f"documentation/{GUIDE}",
-    ICON: ICON,
     MEASURED: None,
 }
 """Where files go that are no references; None: not into FMUs."""
+ICONS: Mapping[Fmi, str] = {2: ICON, 3: "terminalsAndIcons/icon.png"}
+"""Where FMI 2.0 and 3.0 look for the icon."""
 
 
 def folder(component: Path) -> Path:
@@ -43,11 +45,12 @@ def asset_files(component: Path) -> list[Path]:
     return [*sorted(path for path in place.iterdir() if path.is_file()), place.parent / GUIDE]
 
 
-def assets(kind: type[Component]) -> dict[str, bytes]:
+def assets(kind: type[Component], fmi: Fmi = 2) -> dict[str, bytes]:
     """Member of the FMU -> content, for a component."""
+    places = {**PLACES, ICON: ICONS[fmi]}
     found: dict[str, bytes] = {}
     for path in asset_files(Path(inspect.getfile(kind))):
-        member = PLACES.get(path.name, f"{EXTRA}/{path.name}")
+        member = places.get(path.name, f"{EXTRA}/{path.name}")
         if member is not None:
             found[member] = path.read_bytes()
     return found

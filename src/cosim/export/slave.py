@@ -68,7 +68,7 @@ class MissingPackage(Exception):
 
 @dataclass
 class Memory:
-    """All that an instance remembers: its FMU state. The fields mean what they mean in ``runtime.c``."""
+    """All that an instance remembers: its FMU state. The fields mean what they mean in ``core.c``."""
 
     v: list[float]
     next: list[float]

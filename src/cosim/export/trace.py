@@ -189,7 +189,7 @@ class Trace:
 
 
 FUNCTIONS = ("constants", "initial", "rules", "derivative", "jacobian", "output", "update", "sample", "partials")
-"""The C functions of a variant, in the order of the runtime's ``Variant`` struct."""
+"""The C functions of a variant, in the order of the core's ``Variant`` struct."""
 
 _RESULTS = {
     "update": "",
