@@ -20,7 +20,7 @@ from cosim.export.package import Workspace
 from cosim.export.reference import GUIDE, ICON, MEASURED, PICTURE, asset_files, assets, folder, measured
 from cosim.model import Choice, Plant, Record, Source, declarations, variable
 from cosim.ssp import validate
-from cosim.validation.exact import SHARES, Validation, scalar_names, trace
+from cosim.validation.exact import Validation, scalar_names, tolerance, trace
 from cosim.verify import verify, verify_all
 from fmus.references.experiments import EXPERIMENTS
 from fmus.references.icons import ICONS
@@ -171,7 +171,7 @@ def test_every_parameter_has_its_part_in_an_experiment(native: Path, tmp_path: P
         return np.array(trace(kind, changed_validation))
 
     straight = [outputs(validation) for validation in EXPERIMENTS[name]]
-    share = next(share for base, share in SHARES.items() if issubclass(kind, base))
+    share = tolerance(kind).relative
     unseen: list[str] = []
     for declaration in declarations(kind):
         if not isinstance(declaration.start, float) or declaration.name in ("tolerance", "T_s"):

@@ -48,8 +48,6 @@ class Validation:
     """Values by attribute, others as declared."""
     stimuli: Mapping[str, Callable[[float], float]] = field(default_factory=dict[str, Callable[[float], float]])
     """Inputs as functions of time, others 0."""
-    tolerances: Mapping[str, Tolerance] = field(default_factory=dict[str, Tolerance])
-    """Where those of ``SHARES`` do not fit."""
 
     def component(self, kind: type[Component]) -> Component:
         """``kind`` with the parameters of this experiment."""
@@ -73,10 +71,10 @@ class Validation:
             for row in range(self.steps + 1)
         ]
 
-    def tolerance_of(self, kind: type[Component], name: str) -> Tolerance:
-        """The comparison tolerance of an output."""
-        share = next(share for base, share in SHARES.items() if issubclass(kind, base))
-        return self.tolerances.get(name, Tolerance(0.0, share))
+
+def tolerance(kind: type[Component]) -> Tolerance:
+    """How far an output of a component may be from its reference."""
+    return Tolerance(0.0, next(share for base, share in SHARES.items() if issubclass(kind, base)))
 
 
 def scalar_names(record: Any) -> tuple[str, ...]:

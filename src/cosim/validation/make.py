@@ -21,7 +21,7 @@ from ..model import Choice, Component, Plant, declarations
 from ..ssp import parameter_set
 from ..verify import Report, verify
 from ..verify_plot import draw
-from .exact import PLANT_TOLERANCE, Validation, scalar_names, trace
+from .exact import PLANT_TOLERANCE, Validation, scalar_names, tolerance, trace
 
 DIGITS = 11
 """Significant digits of a reference: what they cut off is a small part of any tolerance."""
@@ -94,7 +94,7 @@ def _references(kind: type[Component], fmu: Fmu, experiments: Sequence[Validatio
                 stimuli=stimuli,
                 references=reference,
                 held=True,
-                tolerances={name: validation.tolerance_of(kind, name) for name in scalar_names(kind.Output)},
+                tolerances=dict.fromkeys(scalar_names(kind.Output), tolerance(kind)),
             )
         )
     origin = "integrated by scipy's Radau" if issubclass(kind, Plant) else "evaluated"
