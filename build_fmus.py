@@ -1,4 +1,8 @@
-"""Build the FMUs: ``build_fmus.py [NAME ...] [--flavour native|python|both] [--fmi 2|3] [--platform host|all]``."""
+"""Build the FMUs: ``build_fmus.py [NAME ...] [--flavour native|python|both] [--fmi 2|3] [--platform host|all]``.
+
+``python build_fmus.py --references [NAME ...]`` makes again what FMUs carry beside their models: reference results,
+validation picture and icon, in ``fmus/references``.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +37,37 @@ def _arguments() -> argparse.Namespace:
         metavar="DIR",
         help="default: build/fmus/native, /python or /fmi3; with --flavour both, DIR/native and DIR/python",
     )
+    parser.add_argument(
+        "--references",
+        action="store_true",
+        help="make the reference results, validation pictures and icons in fmus/references anew, build nothing",
+    )
     arguments = parser.parse_args()
     if arguments.fmi == 3 and arguments.flavour != "native":
         parser.error("--fmi 3: PythonFMU makes FMI 2.0 only. Leave --flavour out.")
     return arguments
+
+
+def _references(names: list[str], console: Console) -> int:
+    """Write ``fmus/references``; the number of components whose FMU does not meet its references."""
+    from cosim.validation.make import write
+    from fmus.references.experiments import EXPERIMENTS
+    from fmus.references.icons import drawer
+
+    failed = 0
+    for name in names:
+        if name not in EXPERIMENTS:
+            console.print(f"{name}: no experiments in fmus/references/experiments.py, no references.", markup=False)
+            continue
+        try:
+            report = write(WORKSPACE, name, EXPERIMENTS[name], drawer(name))
+        except CosimError as error:
+            failed += 1
+            console.print(str(error), style="red", markup=False)
+            continue
+        worst = max(signal.share for outcome in report.outcomes for signal in outcome.signals)
+        console.print(f"{name}: {len(report.outcomes)} experiments, at most {worst:.2g} of a tolerance", markup=False)
+    return failed
 
 
 def _platforms(choice: str, flavour: Flavour) -> tuple[str, ...]:
@@ -85,6 +116,8 @@ def main() -> int:
     )
     try:
         names = WORKSPACE.select(arguments.names)
+        if arguments.references:
+            return 1 if _references(names, console) else 0
         platforms = {flavour: _platforms(arguments.platform, flavour) for flavour in flavours}
     except CosimError as error:
         console.print(str(error), style="red", markup=False)

@@ -132,16 +132,17 @@ def write_fmu(path: Path, variables: Sequence[Variable], *, binary: bytes = b"",
     return write_zip(path, {"modelDescription.xml": text, library_name(header.get("identifier", "probe")): binary})
 
 
-def probe_library() -> Path:
-    """The probe compiled for this machine; compiled again when its source changes."""
-    source = PROBE_SOURCE.read_bytes()
-    library = BUILD / f"probe-{hashlib.sha256(source).hexdigest()[:16]}{Path(library_name()).suffix}"
+def probe_library(name: str = "probe") -> Path:
+    """The probe, or another source beside it, compiled for this machine; compiled again when a source changes."""
+    path = PROBE_SOURCE.with_name(f"{name}.c")
+    source = path.read_bytes() + PROBE_SOURCE.read_bytes()
+    library = BUILD / f"{name}-{hashlib.sha256(source).hexdigest()[:16]}{Path(library_name()).suffix}"
     if not library.exists():
         BUILD.mkdir(parents=True, exist_ok=True)
         made = library.with_suffix(".part")
         include = Path(fmpy.__file__).parent / "c-code"
         flags = ["-O2", "-g0", "-Wall", "-Wextra", "-shared", "-fPIC", f"-I{include}"]
-        command = [sys.executable, "-m", "ziglang", "cc", *flags, "-o", str(made), str(PROBE_SOURCE), "-lm"]
+        command = [sys.executable, "-m", "ziglang", "cc", *flags, "-o", str(made), str(path), "-lm"]
         subprocess.run(command, check=True)
         made.replace(library)
     return library

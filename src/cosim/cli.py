@@ -1,4 +1,4 @@
-"""The command line: ``cosim run``, ``check``, ``info``, ``list``, ``study``.
+"""The command line: ``cosim run``, ``check``, ``info``, ``list``, ``study``, ``verify``.
 
 Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.
 """
@@ -24,6 +24,7 @@ from rich.table import Table
 
 from .design.commands import add_commands
 from .errors import CosimError, DescriptionError, suggest
+from .verify_command import add_verify
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -167,6 +168,7 @@ def _parser() -> argparse.ArgumentParser:
     _fmus_argument(study)
     study.set_defaults(command=_study)
 
+    add_verify(commands, _fmu_path)
     add_commands(commands)
     return parser
 

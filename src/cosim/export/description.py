@@ -1,8 +1,7 @@
-"""modelDescription.xml, buildDescription.xml and the documentation page of an FMU."""
+"""modelDescription.xml and buildDescription.xml of an FMU."""
 
 from __future__ import annotations
 
-import html
 import inspect
 import math
 from collections.abc import Mapping, Sequence
@@ -313,63 +312,3 @@ def build_description(kind: type[Component], sources: Sequence[str]) -> bytes:
     for name in sources:
         SubElement(files, "SourceFile", name=name)
     return xml_bytes(root)
-
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{name}</title>
-<style>body{{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em}}table{{border-collapse:collapse}}
-td,th{{border:1px solid #ccc;padding:.2em .6em;text-align:left}}pre{{background:#f6f6f6;padding:1em}}
-td.n{{text-align:right}}</style></head><body>
-<h1>{name}</h1>
-<pre>{doc}</pre>
-{tables}
-<p>{name} {version}, motion-cosim. MIT licence: <a href="licenses/license.txt">licenses/license.txt</a>.
-{inside}</p>
-</body></html>
-"""
-
-
-def documentation(trace: Trace, version: str, *, native: bool = True) -> bytes:
-    """documentation/index.html: the docstring and a table of every variable with unit, start value and bounds."""
-    titles = {
-        "parameter": "Parameters",
-        "input": "Inputs",
-        "output": "Outputs",
-        "state": "States",
-        "counter": "Solver counters",
-    }
-    tables = ""
-    groups = [("fixed", "tunable"), ("input",), ("output",), ("state",), ("counter",)]
-    for roles, title in zip(groups, titles.values(), strict=True):
-        rows = "".join(_row(v) for v in layout(trace) if v.role in roles)
-        if rows:
-            heads = "".join(f"<th>{head}</th>" for head in ("Name", "Start", "Unit", "Bounds", "Shown in", "Meaning"))
-            tables += f"<h2>{title}</h2>\n<table><tr>{heads}</tr>\n{rows}</table>\n"
-    name = trace.kind.__name__
-    doc = html.escape(inspect.getdoc(trace.kind) or "")
-    if native:
-        inside = "The C sources are in <code>sources/</code>."
-    else:
-        place = trace.kind.__module__.replace(".", "/")
-        inside = (
-            f"The equations are in <code>resources/motion_cosim/{place}.py</code>. Runs with PythonFMU "
-            '(<a href="licenses/pythonfmu.txt">licence</a>) in an importer that is a Python 3.11 or later'
-            f"{' with numpy and scipy' if issubclass(trace.kind, Plant) else ''}."
-        )
-    return _PAGE.format(name=name, doc=doc, tables=tables, version=version, inside=inside).encode()
-
-
-def _row(variable: Variable) -> str:
-    start = f"{variable.start:.10g}" if variable.role in ("fixed", "tunable", "input") else ""
-    if variable.choice:
-        start = next(item.name for item in variable.choice if item.number == variable.start)
-        meaning = variable.text + ": " + "; ".join(f"{item.name} = {item.text}" for item in variable.choice)
-    else:
-        meaning = variable.text
-    if variable.role == "tunable":
-        meaning += " (tunable)"
-    low = f"{variable.min:.6g}" if math.isfinite(variable.min) else ""
-    high = f"{variable.max:.6g}" if math.isfinite(variable.max) else ""
-    bounds = f"{low} ... {high}" if low or high else ""
-    cells = (variable.name, start, variable.unit, bounds, variable.display_unit or "", meaning)
-    return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>\n"

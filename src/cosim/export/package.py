@@ -25,6 +25,7 @@ from ..errors import CosimError, DescriptionError, suggest
 from ..model import Component
 from .embed import BINARIES, PROXY, library, resources
 from .layout import Fmi
+from .reference import asset_files, assets
 
 Flavour = Literal["native", "python", "fmi3"]
 """FMI 2.0 native and with PythonFMU, FMI 3.0 native; also the names of the folders of each."""
@@ -130,6 +131,7 @@ class Workspace:
             *(package / f"{module}.py" for module in ("model", "units", "errors")),
             *sorted(Path(__file__).parent.glob("*.py")),
             *sorted(NATIVE.glob("*.[ch]")),
+            *asset_files(self.components()[name]),
             *((PROXY,) if flavour == "python" else ()),
         ]
         digest = hashlib.sha256()
@@ -211,8 +213,9 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     Raises TraceError for equations that cannot be traced, BuildError for C that does not compile.
     """
     from .code import model_c
-    from .description import build_description, documentation, model_description
+    from .description import build_description, model_description
     from .description3 import model_description3
+    from .page import documentation
     from .terminals import terminals_and_icons
     from .trace import trace
 
@@ -231,8 +234,9 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     licence = (Path(__file__).parents[3] / "LICENSE").read_bytes()
     files = {
         "modelDescription.xml": described(guid),
-        "documentation/index.html": documentation(traced, version),
+        "documentation/index.html": documentation(traced, version, fmi=fmi),
         "documentation/licenses/license.txt": licence,
+        **assets(kind, fmi),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
         "sources/buildDescription.xml": build_description(kind, SOURCES),
         **{f"sources/{name}": content for name, content in sources.items()},
@@ -253,7 +257,8 @@ def build_python(
     ``platforms`` are keys of ``embed.BINARIES``, by default this machine's; ``root`` holds the component's package
     ``fmus``. Raises TraceError, as dependencies come from the trace, EmbedError and BuildError.
     """
-    from .description import documentation, model_description
+    from .description import model_description
+    from .page import documentation
     from .terminals import terminals_and_icons
     from .trace import trace
 
@@ -271,6 +276,7 @@ def build_python(
         "documentation/index.html": documentation(traced, version, native=False),
         "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
+        **assets(kind),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
         "resources/guid.txt": guid.encode(),
         **{f"resources/{path}": content for path, content in embedded.items()},
