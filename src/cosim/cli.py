@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from .console import complain, fmus_argument, remark, standard_output
 from .design.commands import add_commands
 from .errors import CosimError, DescriptionError, suggest
 from .verify_command import add_verify
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
     from .system import System
 
 MAX_SHOWN_MESSAGES = 20
-PIPE_WIDTH = 140
-"""Width of tables that go to a file or a pipe."""
 TOOLS = ("control", "distributed", "scipy")
 """Packages of the extra ``tools``, which design tools need."""
 
@@ -51,20 +50,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DescriptionError as error:
         problems = error.problems
         if len(problems) > 1:
-            _complain(f"{len(problems)} problems:")
+            complain(f"{len(problems)} problems:")
         for problem in problems:
-            _complain(problem)
+            complain(problem)
         return 2
     except CosimError as error:
-        _complain(str(error))
+        complain(str(error))
         return 1
     except ModuleNotFoundError as error:
         if error.name not in TOOLS:
             raise
-        _complain(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
+        complain(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
         return 2
     except KeyboardInterrupt:
-        _complain("Interrupted.")
+        complain("Interrupted.")
         return 130
     except BrokenPipeError:
         # Whoever read our output (head, less) has gone.
@@ -131,13 +130,13 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Example: cosim info BallscrewStage",
     )
     info.add_argument("fmu", metavar="FMU", help="a name in the FMU folder, such as BallscrewStage, or an .fmu file")
-    _fmus_argument(info)
+    fmus_argument(info)
     info.set_defaults(command=_info)
 
     listing = commands.add_parser(
         "list", help="list FMUs, systems and studies", description="List the FMUs found and the systems shipped."
     )
-    _fmus_argument(listing)
+    fmus_argument(listing)
     listing.set_defaults(command=_list)
 
     fmus = commands.add_parser(
@@ -152,7 +151,7 @@ def _parser() -> argparse.ArgumentParser:
     copy.add_argument("folder", type=Path, metavar="DIR", help="folder to copy to; it is made if it is not there")
     copy.add_argument("names", nargs="*", metavar="NAME", help="FMUs, such as BallscrewStage (default: all)")
     copy.add_argument("--force", action="store_true", help="replace files of the same name")
-    _fmus_argument(copy)
+    fmus_argument(copy)
     copy.set_defaults(command=_copy)
 
     study = commands.add_parser(
@@ -165,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
     study.add_argument("--output", type=Path, metavar="DIR", help="folder of the report (default: results/NAME)")
     study.add_argument("--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*'")
     study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
-    _fmus_argument(study)
+    fmus_argument(study)
     study.set_defaults(command=_study)
 
     add_verify(commands, _fmu_path)
@@ -195,33 +194,7 @@ def _system_arguments(parser: argparse.ArgumentParser) -> None:
         help="what to record, such as plant.position or 'controller.*'; may be repeated (default: as in the file)",
     )
     parser.add_argument("--decimation", type=int, metavar="N", help="record every N-th communication point")
-    _fmus_argument(parser)
-
-
-def _fmus_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--fmus",
-        type=Path,
-        metavar="DIR",
-        help="folder of FMUs given by name (default: build/fmus/native, else those installed)",
-    )
-
-
-def _console() -> Console:
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = max(console.width, PIPE_WIDTH)
-    return console
-
-
-def _complain(text: str) -> None:
-    """A line on standard error, never folded, so that it can be searched for."""
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
-    console.print(f"[bold red]error:[/] {escape(text)}")
-
-
-def _remark(text: str) -> None:
-    Console(stderr=True, highlight=False, soft_wrap=True).print(escape(text))
+    fmus_argument(parser)
 
 
 # Systems
@@ -266,7 +239,7 @@ def _system_path(text: str) -> Path:
 
 def _check(options: argparse.Namespace) -> int:
     system = _system(options)
-    console = _console()
+    console = standard_output()
     console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
     table = Table(box=SIMPLE_HEAD)
     for heading in ("Instance", "FMU", "Start values", "Steps over"):
@@ -303,7 +276,9 @@ def _export(options: argparse.Namespace) -> int:
         raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")
     system = _system(options)
     path = writers[suffix](system, options.output)
-    _console().print(f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections.")
+    standard_output().print(
+        f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."
+    )
     return 0
 
 
@@ -318,7 +293,7 @@ def _run(options: argparse.Namespace) -> int:
 
     if not options.json:
         for note in system.notes:
-            _remark(f"note: {note}")
+            remark(f"note: {note}")
     try:
         with _Bar(system) as bar:
             result = simulate(system, progress=bar.update, debug=options.debug)
@@ -326,7 +301,7 @@ def _run(options: argparse.Namespace) -> int:
         _failed(error, options)
         return 1
     except Interrupted as interruption:
-        _complain(f"Interrupted. {_kept(interruption.result, options)}")
+        complain(f"Interrupted. {_kept(interruption.result, options)}")
         _finish(interruption.result, options, begun)
         return 130
     _finish(result, options, begun)
@@ -336,9 +311,9 @@ def _run(options: argparse.Namespace) -> int:
 def _failed(error: CallError, options: argparse.Namespace) -> None:
     if error.result is not None:
         _show_messages(error.result, but=error.message)
-    _complain(str(error))
+    complain(str(error))
     if error.result is not None and error.result.time.size:
-        _remark(_kept(error.result, options))
+        remark(_kept(error.result, options))
         _save(error.result, options)
 
 
@@ -410,7 +385,7 @@ def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
     for row in figures:
         value, unit = (f"{row.value:.4g}", row.unit) if isfinite(row.value) else ("never", "")
         table.add_row(escape(row.name), value, escape(unit))
-    console = _console()
+    console = standard_output()
     console.print(table)
     for file in (options.output, options.plot):
         if file is not None:
@@ -431,10 +406,10 @@ def _show_messages(result: Result, but: str = "") -> None:
     """What FMUs logged, without the message ``but``, which is told elsewhere."""
     messages = [message for message in result.messages if message.text != but]
     for message in messages[:MAX_SHOWN_MESSAGES]:
-        _remark(str(message))
+        remark(str(message))
     more = len(messages) - MAX_SHOWN_MESSAGES + result.dropped_messages
     if more > 0:
-        _remark(f"and {more} more messages")
+        remark(f"and {more} more messages")
 
 
 class _Bar(AbstractContextManager["_Bar"]):
@@ -474,7 +449,7 @@ def _info(options: argparse.Namespace) -> int:
     from .fmu import read_fmu
 
     fmu = read_fmu(_fmu_path(options.fmu, options.fmus))
-    console = _console()
+    console = standard_output()
     console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.text)}")
     step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
     stop = f", stop {fmu.stop_time:g} s" if fmu.stop_time is not None else ""
@@ -557,7 +532,7 @@ def _copy(options: argparse.Namespace) -> int:
     if source is None:
         raise DescriptionError("no FMUs found. Build them, or name their folder with --fmus.")
     written = copy_fmus(source, options.folder, options.names, force=options.force)
-    console = _console()
+    console = standard_output()
     if written:
         names = ", ".join(path.stem for path in written)
         console.print(f"Copied from {escape(str(source))} to {escape(str(options.folder))}: {escape(names)}")
@@ -570,7 +545,7 @@ def _list(options: argparse.Namespace) -> int:
     from .fmu import read_fmu
     from .system import PREBUILT, find_fmus, shipped_systems
 
-    console = _console()
+    console = standard_output()
     folder = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
     fmus: dict[Path, Fmu | str] = {}
     for path in sorted(folder.glob("*.fmu")) if folder is not None else ():

@@ -17,12 +17,11 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
 
+from .console import complain, fmus_argument, remark, standard_output
 from .errors import DescriptionError
 
 if TYPE_CHECKING:
     from .verify import Outcome, Report
-
-PIPE_WIDTH = 140
 
 
 def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
@@ -52,9 +51,7 @@ def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
     parser.add_argument("--timeout", type=float, default=60.0, metavar="SECONDS", help="for one run (default: 60)")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw references and replay, one file an FMU")
     parser.add_argument("--json", action="store_true", help="print every signal as JSON, for scripts")
-    parser.add_argument(
-        "--fmus", type=Path, metavar="DIR", help="folder of FMUs given by name (default: build/fmus/native)"
-    )
+    fmus_argument(parser)
     parser.set_defaults(command=partial(_verify, find))
 
 
@@ -106,12 +103,11 @@ def _draw(report: Report, target: Path, number: int) -> None:
 
 
 def _show(reports: Sequence[Report]) -> None:
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = max(console.width, PIPE_WIDTH)
+    console = standard_output()
     table = Table(box=SIMPLE_HEAD)
-    for heading in ("FMU", "FMI", "Experiment"):
-        table.add_column(heading, overflow="fold")
+    for heading in ("FMU", "FMI"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("Experiment", overflow="fold")
     for heading in ("Rows", "Signals", "Difference", "Tolerance"):
         table.add_column(heading, justify="right", no_wrap=True)
     for heading in ("Signal", "Time / s", "Verdict"):
@@ -126,16 +122,15 @@ def _show(reports: Sequence[Report]) -> None:
     console.print(table)
     if any(not signal.stated for report in reports for outcome in report.outcomes for signal in outcome.signals):
         console.print("* the default, as the FMU states no tolerance")
-    stderr = Console(stderr=True, highlight=False, soft_wrap=True)
     for report in reports:
         for problem in report.problems:
-            stderr.print(f"[bold red]error:[/] {escape(problem)}")
+            complain(problem)
         for outcome in report.outcomes:
-            said = f"{escape(report.path.name)}: experiment '{escape(outcome.experiment.name)}': "
+            said = f"{report.path.name}: experiment '{outcome.experiment.name}': "
             if outcome.failure:
-                stderr.print(f"[bold red]error:[/] {said}{escape(outcome.failure)}")
+                complain(said + outcome.failure)
             for note in outcome.notes:
-                stderr.print(said + escape(note))
+                remark(said + note)
 
 
 def _row(outcome: Outcome) -> tuple[str, ...]:

@@ -18,12 +18,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..console import fmus_argument, standard_output
 from ..errors import CosimError, DescriptionError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
-
-PIPE_WIDTH = 140
 
 
 def add_commands(commands: Any) -> None:
@@ -169,7 +168,7 @@ def add_commands(commands: Any) -> None:
 
 def _common(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespace], int]) -> None:
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for scripts")
-    parser.add_argument("--fmus", type=Path, metavar="DIR", help="folder of FMUs given by name")
+    fmus_argument(parser)
     parser.set_defaults(command=command)
 
 
@@ -199,9 +198,7 @@ def _show(options: argparse.Namespace, content: Mapping[str, Any], rows: list[tu
     if options.json:
         sys.stdout.write(json.dumps(_finite(content), indent=2) + "\n")
         return
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = max(console.width, PIPE_WIDTH)
+    console = standard_output()
     console.print(escape(title), soft_wrap=True)
     table = Table(box=SIMPLE)
     for i, heading in enumerate(rows[0]):

@@ -63,14 +63,12 @@ def xml_bytes(root: Element) -> bytes:
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root) + b"\n"
 
 
-def model_description(trace: Trace, guid: str, version: str, *, sources: Sequence[str], native: bool = True) -> bytes:
-    """modelDescription.xml of the native flavour, or of the Python one (``native=False``)."""
-    kind, variables = trace.kind, layout(trace)
-    root = Element(
+def description_root(kind: type[Component], version: str, **own: str) -> Element:
+    """The root of a modelDescription.xml; ``own`` are the attributes in which versions of FMI differ."""
+    return Element(
         "fmiModelDescription",
-        fmiVersion="2.0",
+        own,
         modelName=kind.__name__,
-        guid=guid,
         description=summary(kind),
         version=version,
         author="The motion-cosim authors",
@@ -79,6 +77,12 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
         generationDateAndTime=GENERATION_DATE,
         variableNamingConvention="structured",
     )
+
+
+def model_description(trace: Trace, guid: str, version: str, *, sources: Sequence[str], native: bool = True) -> bytes:
+    """modelDescription.xml of the native flavour, or of the Python one (``native=False``)."""
+    kind, variables = trace.kind, layout(trace)
+    root = description_root(kind, version, fmiVersion="2.0", guid=guid)
     exchange = None
     if native and issubclass(kind, Plant):
         root.set("numberOfEventIndicators", "0")

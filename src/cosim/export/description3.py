@@ -6,17 +6,16 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ..model import Controller, Plant
 from .description import (
-    GENERATION_DATE,
     QUANTITIES,
     add_experiment,
     add_items,
     add_units,
     classes,
     dependencies,
+    description_root,
     number,
     set_real_attributes,
     set_whole_bounds,
-    summary,
     used_types,
     xml_bytes,
 )
@@ -28,19 +27,7 @@ def model_description3(trace: Trace, token: str, version: str) -> bytes:
     """modelDescription.xml of the FMI 3.0 FMU: parameter arrays are whole, a sampling instant is an event."""
     kind, groups = trace.kind, fmi3_variables(trace.kind)
     variables = [group[0] for group in groups]
-    root = Element(
-        "fmiModelDescription",
-        fmiVersion="3.0",
-        modelName=kind.__name__,
-        instantiationToken=token,
-        description=summary(kind),
-        version=version,
-        author="The motion-cosim authors",
-        license="MIT",
-        generationTool=f"motion-cosim {version}",
-        generationDateAndTime=GENERATION_DATE,
-        variableNamingConvention="structured",
-    )
+    root = description_root(kind, version, fmiVersion="3.0", instantiationToken=token)
     offers = {
         "modelIdentifier": kind.__name__,
         "needsExecutionTool": "false",
