@@ -144,6 +144,20 @@ def test_sampling_is_that_of_native_for_any_step(native: Path, python: Path, nam
             assert other.get(outputs) == pytest.approx(one.get(outputs), rel=1e-12, abs=1e-15)
 
 
+@pytest.mark.parametrize("step", [1e-19, 2e-18])
+def test_step_too_short_to_tell_times_apart_changes_nothing(native: Path, python: Path, step: float) -> None:
+    """Importers that add steps up make such a last one: 1e-19 s leaves the time as it is, 2e-18 s is one last bit."""
+    for folder in (native, python):
+        with Instance(folder / f"{PLANT}.fmu") as fmu:
+            fmu.initialize({"command": 12.0})
+            fmu.step(0.0, 0.01)
+            before = fmu.get(fmu.names("output"))
+            fmu.step(0.01, step)
+            assert fmu.get(fmu.names("output")) == pytest.approx(before, rel=1e-12)
+            fmu.step(0.01 + step, 0.01)
+            assert fmu.get(["position"])[0] > before[0]
+
+
 def test_master_runs_a_system_of_python_fmus(native: Path, python: Path) -> None:
     """The closed loop of two controllers' traces: command and position agree to the plant's tolerance."""
     path = ROOT / "studies" / "rubio2015" / "super_twisting.toml"

@@ -580,7 +580,7 @@ class Slave:
         tolerance = memory.v[self.face.references["tolerance"]]
         atol = [0.01 * tolerance * nominal for nominal in self.face.nominals]
         time, steps, solver = memory.time, 0, cast(Any, None)
-        while time < end:
+        while end - time > 8.0 * EPSILON * abs(end):  # LSODA refuses to go less far than times can be told apart
             if solver is None:
                 solver = self.library.method(derivative, time, states[:n], end, rtol=tolerance, atol=atol)
             problem = attempt(solver)
