@@ -1,4 +1,4 @@
-"""Terminals: valid files, and wiring terminals of one name gives the connections of the shipped systems."""
+"""Terminals name variables of their FMU, and wiring terminals of one name gives the connections of the shipped systems."""
 
 from __future__ import annotations
 
@@ -10,24 +10,20 @@ from xml.etree import ElementTree
 import fmpy
 import pytest
 from conftest import ROOT, WORKSPACE
-from lxml import etree
 
 from cosim.export.terminals import terminals
 from cosim.system import read_system
 
 COMPONENTS = sorted(WORKSPACE.components())
-SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
 
 
 @pytest.mark.parametrize("flavour", ["native", "python", "fmi3"])
-def test_file_is_valid_and_names_variables(request: pytest.FixtureRequest, flavour: str) -> None:
+def test_file_names_variables(request: pytest.FixtureRequest, flavour: str) -> None:
     folder: Path = request.getfixturevalue(flavour)
-    schema = etree.XMLSchema(etree.parse(str(SCHEMA)))
     for name in COMPONENTS:
         path = folder / f"{name}.fmu"
         with zipfile.ZipFile(path) as archive:
             content = archive.read("terminalsAndIcons/terminalsAndIcons.xml")
-        schema.assertValid(etree.fromstring(content))
         causalities = {v.name: v.causality for v in fmpy.read_model_description(path).modelVariables}
         for terminal in ElementTree.fromstring(content).iter("Terminal"):
             members = [member.attrib for member in terminal]

@@ -62,14 +62,10 @@ def problems(path: Path) -> list[str]:
     return found
 
 
-def test_native_fmus_follow_the_schemas(native: Path) -> None:
-    paths = sorted(native.glob("*.fmu"))
-    assert len(paths) == 16
-    assert {path.name: found for path in paths if (found := problems(path))} == {}
-
-
-def test_python_fmus_follow_the_schemas(python: Path) -> None:
-    paths = sorted(python.glob("*.fmu"))
+@pytest.mark.parametrize("flavour", ["native", "python", "fmi3"])
+def test_fmus_follow_the_schemas(request: pytest.FixtureRequest, flavour: str) -> None:
+    folder: Path = request.getfixturevalue(flavour)
+    paths = sorted(folder.glob("*.fmu"))
     assert len(paths) == 16
     assert {path.name: found for path in paths if (found := problems(path))} == {}
 
