@@ -1,4 +1,4 @@
-"""Terminals name variables of their FMU, and wiring terminals of one name gives the connections of the shipped systems."""
+"""Terminals name variables of their FMU; wiring those of one name gives the connections of the shipped systems."""
 
 from __future__ import annotations
 

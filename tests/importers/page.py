@@ -1,4 +1,5 @@
-"""Follows docs/use-in-your-tool.md literally: runs its code blocks, compares what they print with what the page says.
+"""Follows pages of docs, such as use-in-your-tool.md, literally: runs their code blocks, compares what they print with what the
+page says.
 
 A block marked ``run`` needs this project and FMPy, one marked ``run-importers`` the tools of requirements.txt. The
 ``text`` block that comes next holds lines of its output. A block marked with a file's name is that file.
@@ -15,7 +16,9 @@ from pathlib import Path
 
 from markdown_it import MarkdownIt
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "use-in-your-tool.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = DOCS / "use-in-your-tool.md"
+FMI3_PAGE = DOCS / "fmi3.md"
 TOLERANCE = 0.02
 """A delayed loop differs from tool to tool by 1 %, the figures that the page tells apart by 15 % or more."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from .page import PAGE, alike, blocks, follow, missing, user_folder
+from .page import FMI3_PAGE, PAGE, alike, blocks, follow, missing, user_folder
 
 FIGURES = 6
 """Blocks with a figure that FMPy and cosim alone must show."""
@@ -17,6 +17,14 @@ def test_the_page_is_right_for_cosim_and_fmpy(native: Path, tmp_path: Path) -> N
     assert [f"line {block.line}: {wrong}" for block, wrong in followed if wrong] == []
     assert len(followed) == len(chosen)
     assert sum(bool(block.expected) for block in chosen) == FIGURES
+
+
+def test_the_page_of_fmi3_is_right(fmi3: Path, tmp_path: Path) -> None:
+    (block,) = blocks(FMI3_PAGE.read_text(encoding="utf-8"))
+    (tmp_path / "build" / "fmus").mkdir(parents=True)
+    (tmp_path / "build" / "fmus" / "fmi3").symlink_to(fmi3)
+    assert block.expected
+    assert [wrong for _, wrong in follow([block], tmp_path, {"run": Path(sys.executable).parent})] == [""]
 
 
 def test_every_tool_of_the_page_says_how_it_was_checked() -> None:
