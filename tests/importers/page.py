@@ -1,5 +1,4 @@
-"""Follows pages of docs, such as use-in-your-tool.md, literally: runs their code blocks, compares what they print with what the
-page says.
+"""Follows pages of docs literally: runs their code blocks, compares what they print with what the page says.
 
 A block marked ``run`` needs this project and FMPy, one marked ``run-importers`` the tools of requirements.txt. The
 ``text`` block that comes next holds lines of its output. A block marked with a file's name is that file.
