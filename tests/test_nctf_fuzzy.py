@@ -31,7 +31,8 @@ EXISTING: dict[str, Any] = {
     "h_zero": 28.36e-3,
     "u_i_zero": 0.384e-3,
 }
-height = st.one_of(st.sampled_from([0.0, 0.5, 1.0]), st.floats(0.0, 1.0))
+# Subnormal numbers have too few digits to divide by.
+height = st.one_of(st.sampled_from([0.0, 0.5, 1.0]), st.floats(0.0, 1.0, allow_subnormal=False))
 
 
 def heights_at(u_p: float, u_i: float) -> tuple[float, float, float]:
