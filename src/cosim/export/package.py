@@ -64,7 +64,7 @@ TUPLES: Mapping[str, tuple[str, ...]] = {
     "aarch64-linux": ("aarch64-linux",),
     "aarch64-darwin": ("aarch64-darwin",),
 }
-"""The folders of FMI 3.0 for the platforms of ``TARGETS``."""
+"""The folders of FMI 3.0 for the platforms of ``TARGETS``; of two binaries for one folder the later is taken."""
 
 
 class BuildError(CosimError):
