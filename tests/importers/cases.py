@@ -118,6 +118,7 @@ def foreign_fmi3_case(path: Path, steps: int, step: float) -> Case:
         "variables": list(sizes),
         "places": [[v.valueReference, sizes[v.name]] for v in outputs],
         "references": {v.name: v.valueReference for v in description.modelVariables},
+        "events": description.coSimulation.hasEventMode,
         "step": step,
         "steps": steps,
     }

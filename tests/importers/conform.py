@@ -136,6 +136,10 @@ FMI3_IMPORTERS = (
     Importer("pathsim-fmi", "pathsim-fmi 3.0", AFTER, lacks=("arrays",)),
     Importer("fmusim", "fmusim", AFTER, program="fmusim"),
 )
+EVENT_IMPORTERS = (
+    Importer("FMPy, simulate_fmu with event mode", "fmpy.simulate_fmu 3.0 events", "outputs in event mode"),
+    Importer("fmusim with event mode", "fmusim events", "outputs in event mode", program="fmusim"),
+)
 PROGRAMS = {
     "fmusim": "fmusim of modelica/Reference-FMUs v0.0.39, now modelica/fmusim",
     "fmu_check": "FMUComplianceChecker of modelica-tools, linked with FMILibrary of modelon-community",
@@ -362,7 +366,10 @@ class Conformance:
         """FMI 3.0 FMUs in every importer that reads them."""
         paths = sorted(place.glob("*.fmu"))
         cases = [fmi3_case(path, fmu_case(native / path.name)) for path in paths]
-        return self._fmi3(cases, "FMI 3.0 FMUs", TOLERANCE)
+        events = [case for case in cases if case.job["events"]]
+        what = f"{len(events)} of {len(cases)} FMI 3.0 FMUs, those with event mode"
+        found = [self.one(importer, events, what) for importer in EVENT_IMPORTERS]
+        return self._fmi3(cases, "FMI 3.0 FMUs", TOLERANCE) + found
 
     def reference_fmi3(self, folder: Path) -> list[Outcome]:
         """FMI 3.0 Reference FMUs: FMPy, function by function, is what the others are compared with."""

@@ -37,6 +37,15 @@ def fmpy_slave(job: Job) -> Rows:
 
 def fmpy_simulate(job: Job) -> Rows:
     """FMPy's ``simulate_fmu``."""
+    return _simulate(job, events=False)
+
+
+def fmpy_events(job: Job) -> Rows:
+    """FMPy's ``simulate_fmu`` with event mode; of the two rows of an event the second, from event mode."""
+    return _simulate(job, events=True)
+
+
+def _simulate(job: Job, *, events: bool) -> Rows:
     import fmpy
     import numpy as np
 
@@ -48,6 +57,7 @@ def fmpy_simulate(job: Job) -> Rows:
         output_interval=job["step"],
         start_values=job["inputs"],
         output=job["variables"],
+        use_event_mode=events,
     )
     times = {round(row["time"] / job["step"]): row for row in result}
     return [

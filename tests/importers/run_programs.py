@@ -41,6 +41,11 @@ def fmusim(job: Job) -> Rows:
     return _fmusim(job, ["--interface-type", "cs"])
 
 
+def fmusim_events(job: Job) -> Rows:
+    """fmusim with the event mode of FMI 3.0."""
+    return _fmusim(job, ["--interface-type", "cs", "--event-mode-used"])
+
+
 def fmusim_exchange(job: Job) -> Rows:
     """fmusim, model exchange with CVode."""
     return _fmusim(job, ["--interface-type", "me", "--solver", "cvode", "--tolerance", "1e-8"])

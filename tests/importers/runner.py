@@ -42,6 +42,7 @@ IMPORTERS: dict[str, tuple[str, Callable[[Job], Rows]]] = {
     "syssimx FMU": ("syssimx", run_systems.syssimx_fmu),
     "fmpy 3.0": ("fmpy", run_fmi3.fmpy_slave),
     "fmpy.simulate_fmu 3.0": ("fmpy", run_fmi3.fmpy_simulate),
+    "fmpy.simulate_fmu 3.0 events": ("fmpy", run_fmi3.fmpy_events),
     "fmuloader 3.0": ("fmuloader", run_fmi3.fmuloader),
     "pathsim-fmi 3.0": ("pathsim-fmi", run_fmi3.pathsim),
     "cofmupy": ("cofmupy", run_systems.cofmupy),
@@ -50,6 +51,7 @@ IMPORTERS: dict[str, tuple[str, Callable[[Job], Rows]]] = {
 """Name -> distribution, function."""
 PROGRAMS: dict[str, Callable[[Job], Rows]] = {
     "fmusim": run_programs.fmusim,
+    "fmusim events": run_programs.fmusim_events,
     "fmusim ME": run_programs.fmusim_exchange,
     "fmu-check": run_programs.fmu_check,
     "omsimulator": run_programs.omsimulator,
