@@ -267,7 +267,8 @@ def _describe(path: Path, stamp: tuple[int, int], digest: str, xml: bytes, names
     model = _parse(path, xml)
     if model.fmiVersion != "2.0":
         raise DescriptionError(
-            f"{path.name}: FMI {model.fmiVersion}. Only FMI 2.0 is read here: take an FMU of that version (cosim verify replays FMI 3.0, too)."
+            f"{path.name}: FMI {model.fmiVersion}. Only FMI 2.0 is read here: take an FMU of that version "
+            "(cosim verify replays FMI 3.0, too)."
         )
     if model.coSimulation is None:
         raise DescriptionError(f"{path.name}: only for model exchange. Export it for co-simulation.")
