@@ -185,7 +185,7 @@ def test_without_play_the_table_follows_the_screw(angle: float, speed: float):
 
 @given(st.lists(st.integers(-300, 300), min_size=2, max_size=30))
 def test_play_is_the_play_operator(places: list[int]):
-    """On a grid of 0.1 um: the component lets a flank touch a hair earlier than rounding would have it."""
+    """On a grid of 0.1 um, so that a flank touches within rounding or is far away."""
     path = [1e-7 * place for place in places]
     stage = BallscrewStage(play_positive=5e-6, play_negative=3e-6)
     x = stage.initial()
@@ -202,7 +202,7 @@ def test_play_is_the_play_operator(places: list[int]):
         assert stage.output(0.0, x, Input()).position == table
         x = stage.update(0.0, x, Input())
         assert x.table == table
-        touching = table == (nut - 5e-6 if speed > 0.0 else nut + 3e-6)
+        touching = abs(table - (nut - 5e-6 if speed > 0.0 else nut + 3e-6)) < 1e-15
         assert stage.output(0.0, x, Input()).velocity == (L_P * speed if touching else 0.0)
 
 
