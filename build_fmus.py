@@ -107,13 +107,9 @@ def _build(names: list[str], output: Path, platforms: tuple[str, ...], flavour: 
 def main() -> int:
     """Build the flavours asked for; exit code 2 for a wrong name, 1 if a component cannot be built."""
     arguments, console = _arguments(), Console()
-    flavours: tuple[Flavour, ...] = (
-        ("fmi3",)
-        if arguments.fmi == 3
-        else ("native", "python")
-        if arguments.flavour == "both"
-        else (arguments.flavour,)
-    )
+    flavours: tuple[Flavour, ...] = ("native", "python") if arguments.flavour == "both" else (arguments.flavour,)
+    if arguments.fmi == 3:
+        flavours = ("fmi3",)
     try:
         names = WORKSPACE.select(arguments.names)
         if arguments.references:

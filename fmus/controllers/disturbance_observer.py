@@ -42,7 +42,6 @@ class DisturbanceObserver(Controller):
     798-810; the discretisation is exact for a held input.
     """
 
-    T_s: float = parameter(1e-4, "s", "Sampling time", min=1e-9, nominal=1e-4, display_unit="ms")
     g: float = parameter(100.0, "rad/s", "Cut-off frequency", min=0.0, nominal=100.0)
     m_hat: float = parameter(11.0, "kg", "Estimated moving mass", min=0.0, nominal=10.0)
     b_hat: float = parameter(255.0, "N.s/m", "Estimated viscous damping", min=0.0, nominal=100.0)

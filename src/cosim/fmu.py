@@ -35,7 +35,8 @@ MAX_MEMBER_BYTES = 512 * 2**20
 MAX_TOTAL_BYTES = 2**30
 MAX_DESCRIPTION_BYTES = 64 * 2**20
 
-_ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+)\]")
+ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+)\]")
+"""Name of an element of an array."""
 
 
 @dataclass(frozen=True)
@@ -285,7 +286,7 @@ def _describe(path: Path, stamp: tuple[int, int], digest: str, xml: bytes, names
             dependencies[unknown.variable.name] = tuple(name for name in inputs if name in needed)
     arrays: dict[str, list[str]] = {}
     for name in variables:
-        match = _ELEMENT.fullmatch(name)
+        match = ELEMENT.fullmatch(name)
         if match:
             arrays.setdefault(match["name"], []).append(name)
     folders = {

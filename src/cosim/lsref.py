@@ -22,9 +22,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
-from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
+from xml.etree.ElementTree import Element, SubElement, register_namespace
 
 from .errors import DescriptionError
+from .xmlfile import document, parse
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = "fmi-ls-manifest.xml"
@@ -41,8 +42,6 @@ CSV_TYPE, SSV_TYPE, EXPERIMENTS_TYPE = "text/csv", "application/x-ssp-parameter-
 EXPERIMENTS_TYPES = (EXPERIMENTS_TYPE, "application/x-ma-ls-experiments")
 """The second is that of an earlier draft."""
 
-register_namespace("fmi-ls", MANIFEST_NAMESPACE)
-register_namespace("cosim", NAMESPACE)
 _lxml: Any = importlib.import_module("lxml.etree")
 
 
@@ -110,16 +109,18 @@ class Table:
 
 def write_manifest(files: Iterable[Related]) -> bytes:
     """A manifest that lists ``files``."""
+    register_namespace("fmi-ls", MANIFEST_NAMESPACE)
     root = Element(
         "fmiReferences", {f"{{{MANIFEST_NAMESPACE}}}{name}": value for name, value in MANIFEST_ATTRIBUTES.items()}
     )
     for file in files:
         SubElement(root, "Related", type=file.type, source=file.source, role=file.role, description=file.description)
-    return write_xml(root)
+    return document(root)
 
 
 def write_experiments(name: str, description: str, experiments: Iterable[Experiment]) -> bytes:
     """An experiments file; every experiment must have its times."""
+    register_namespace("cosim", NAMESPACE)  # SSP files have another one under this prefix
     root = Element("Experiments", name=name, description=description)
     for experiment in experiments:
         element = SubElement(root, "Experiment", name=experiment.name, description=experiment.description)
@@ -148,7 +149,7 @@ def write_experiments(name: str, description: str, experiments: Iterable[Experim
                 absolute=repr(tolerance.absolute),
                 relative=repr(tolerance.relative),
             )
-    return write_xml(root)
+    return document(root)
 
 
 def write_csv(names: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
@@ -160,12 +161,6 @@ def write_csv(names: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
 
 def _own(tag: str) -> str:
     return f"{{{NAMESPACE}}}{tag}"
-
-
-def write_xml(root: Element) -> bytes:
-    """An indented XML file."""
-    indent(root, "  ")
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root) + b"\n"
 
 
 # ---- reading ----
@@ -350,9 +345,8 @@ def locate(source: str, beside: Path, folder: Path) -> Path:
 
 
 def _parse(path: Path, tag: str) -> Any:
-    parser = _lxml.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
     try:
-        root = _lxml.fromstring(path.read_bytes(), parser)
+        root = parse(path.read_bytes())
     except _lxml.XMLSyntaxError as error:
         raise DescriptionError(f"{path.name}: not valid XML: {error}") from None
     if root.tag != tag:

@@ -27,6 +27,7 @@ import fmpy.ssp
 from .errors import DescriptionError, suggest
 from .fmu import Fmu, Value, Variable, checked_members
 from .units import BASE_UNITS, conversion, same_unit
+from .xmlfile import document, parse
 
 if TYPE_CHECKING:
     from .system import System
@@ -180,8 +181,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
     record = _sub(own, "cosim:Record", decimation=str(system.decimation))
     for name, variable in system.record:
         _sub(record, "cosim:Variable", name=f"{name}.{variable}")
-    ElementTree.indent(root, "  ")
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root) + b"\n"
+    return document(root)
 
 
 def parameter_set(fmu: Fmu, start: Mapping[str, Value]) -> ElementTree.Element:
@@ -282,18 +282,13 @@ def _unpack(path: Path) -> tuple[bytes, Path]:
 def validate(content: bytes, schema: str = "SystemStructureDescription") -> list[str]:
     """What is wrong with an SSP 1.0 document by its XML schema; line numbers included."""
     try:
-        document = _parse(content)
+        document = parse(content)
     except _lxml.XMLSyntaxError as error:
         return [f"not valid XML: {error}"]
     validator = _lxml.XMLSchema(_lxml.parse(str(_schemas / f"{schema}.xsd")))
     if validator.validate(document):
         return []
     return [f"line {entry.line}: {entry.message}" for entry in validator.error_log]
-
-
-def _parse(content: bytes) -> Any:
-    parser = _lxml.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
-    return _lxml.fromstring(content, parser)
 
 
 class _Reader:
@@ -306,7 +301,7 @@ class _Reader:
         problems = validate(content)
         if problems:
             raise DescriptionError([f"{name}: SystemStructure.ssd, {problem}" for problem in problems])
-        self.root = _parse(content)
+        self.root = parse(content)
         self.kinds: dict[tuple[str, str], tuple[str, str | None]] = {}
         """Kind and unit of each connector."""
 
@@ -417,7 +412,7 @@ class _Reader:
         if problems:
             self.problems += [f"{self.name}: parameter values of '{where}', {problem}" for problem in problems]
             return
-        for parameter in _parse(content).findall(f"{_tag('ssv:Parameters')}/{_tag('ssv:Parameter')}"):
+        for parameter in parse(content).findall(f"{_tag('ssv:Parameters')}/{_tag('ssv:Parameter')}"):
             typed = next(iter(parameter), None)
             if typed is not None:
                 yield parameter.get("name"), self.value(str(typed.tag).rpartition("}")[2], typed.get("value"))

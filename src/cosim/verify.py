@@ -34,8 +34,9 @@ from numpy.typing import NDArray
 
 from . import lsref
 from .errors import DescriptionError, suggest
-from .fmu import checked_members
+from .fmu import ELEMENT, checked_members
 from .lsref import Experiment, Related, Table, Tolerance
+from .xmlfile import parse
 
 Interface = Literal["cs", "me"]
 Array = NDArray[np.float64]
@@ -48,7 +49,6 @@ TEXT_TYPES = ("String", "Binary", "Clock")
 """Types of variables whose references are not compared."""
 LAST_WORDS = 400
 """Characters of what a failed FMU printed last that are shown."""
-_ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+)\]")
 _lxml: Any = importlib.import_module("lxml.etree")
 
 
@@ -391,7 +391,7 @@ def _find(name: str, variables: Mapping[str, Any]) -> tuple[Any, int | None]:
     """The variable of a column; of a column ``name[i]`` the array ``name`` (FMI 3.0) and the place in it."""
     if name in variables:
         return variables[name], None
-    match = _ELEMENT.fullmatch(name)
+    match = ELEMENT.fullmatch(name)
     if match and match["name"] in variables and variables[match["name"]].shape:
         return variables[match["name"]], int(match["index"]) - 1
     return None, None
@@ -468,9 +468,8 @@ def _stimuli(path: Path, variables: Mapping[str, Any], held: bool) -> Any:
 
 def _parameters(path: Path, variables: Mapping[str, Any]) -> dict[str, Any]:
     """Start values of an SSV file (SSP 1.0 or 2.0), with their units."""
-    parser = _lxml.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
     try:
-        root = _lxml.fromstring(path.read_bytes(), parser)
+        root = parse(path.read_bytes())
     except _lxml.XMLSyntaxError as error:
         raise DescriptionError(f"{path.name}: not valid XML: {error}") from None
     values: dict[str, Any] = {}

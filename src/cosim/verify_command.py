@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import track
 from rich.table import Table
 
 from .console import complain, fmus_argument, remark, standard_output
@@ -56,6 +55,8 @@ def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
 
 
 def _verify(find: Callable[[str, Path | None], Path], options: argparse.Namespace) -> int:
+    from rich.progress import track
+
     from .verify import verify_all
 
     problems: list[str] = []

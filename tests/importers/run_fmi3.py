@@ -89,22 +89,3 @@ def fmuloader(job: Job) -> Rows:
     fmu.terminate()
     fmu.free_instance()
     return rows
-
-
-def pathsim(job: Job) -> Rows:
-    """PathSim's block for co-simulation, stepped by its scheduled event."""
-    from pathsim_fmi.blocks import CoSimulationFMU
-
-    block = CoSimulationFMU(job["path"], job["name"], start_values=job["inputs"], dt=job["step"])
-    names = list(block.fmu_wrapper.input_refs)
-    for name, value in job["inputs"].items():
-        block.inputs[names.index(name)] = value
-    outputs = list(block.fmu_wrapper.output_refs)
-    rows: Rows = []
-    for k in range(job["steps"]):
-        block._step_fmu(k * job["step"])
-        values = block.outputs.to_array()
-        if len(values) < len(job["outputs"]):
-            raise RuntimeError(f"the block has {len(values)} outputs for {len(job['outputs'])} elements")
-        rows.append([float(values[outputs.index(name)]) for name in job["outputs"]])
-    return rows

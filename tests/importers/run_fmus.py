@@ -131,7 +131,7 @@ def fmuloader_exchange(job: Job) -> Rows:
 
 
 def pathsim(job: Job) -> Rows:
-    """PathSim's block for co-simulation, stepped by its scheduled event."""
+    """PathSim's block for co-simulation, stepped by its scheduled event; FMI 2.0 and 3.0."""
     from pathsim_fmi.blocks import CoSimulationFMU
 
     block = CoSimulationFMU(job["path"], job["name"], start_values=job["inputs"], dt=job["step"])
@@ -143,6 +143,8 @@ def pathsim(job: Job) -> Rows:
     for k in range(job["steps"]):
         block._step_fmu(k * job["step"])
         values = block.outputs.to_array()
+        if len(values) < len(job["outputs"]):
+            raise RuntimeError(f"the block has {len(values)} outputs for {len(job['outputs'])} elements")
         rows.append([float(values[outputs.index(name)]) for name in job["outputs"]])
     return rows
 

@@ -44,7 +44,7 @@ IMPORTERS: dict[str, tuple[str, Callable[[Job], Rows]]] = {
     "fmpy.simulate_fmu 3.0": ("fmpy", run_fmi3.fmpy_simulate),
     "fmpy.simulate_fmu 3.0 events": ("fmpy", run_fmi3.fmpy_events),
     "fmuloader 3.0": ("fmuloader", run_fmi3.fmuloader),
-    "pathsim-fmi 3.0": ("pathsim-fmi", run_fmi3.pathsim),
+    "pathsim-fmi 3.0": ("pathsim-fmi", run_fmus.pathsim),
     "cofmupy": ("cofmupy", run_systems.cofmupy),
     "cofmupy FMU": ("cofmupy", run_systems.cofmupy_fmu),
 }

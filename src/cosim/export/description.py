@@ -6,11 +6,11 @@ import inspect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from xml.etree.ElementTree import Element, SubElement
 
 from ..model import Choice, Component, Plant
 from ..units import BASE_UNITS, parse_unit
+from ..xmlfile import document
 from .layout import Variable, layout
 from .trace import Trace
 
@@ -55,12 +55,6 @@ def summary(kind: type[Component]) -> str:
 def number(value: float) -> str:
     """A number as XML text that reads back to the same bits."""
     return repr(float(value)).removesuffix(".0")
-
-
-def xml_bytes(root: Element) -> bytes:
-    """The document of ``root``, indented."""
-    indent(root, "  ")
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root) + b"\n"
 
 
 def description_root(kind: type[Component], version: str, **own: str) -> Element:
@@ -125,7 +119,7 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
     for variable in variables:
         listed.append(_scalar_variable(variable))
     _structure(root, trace)
-    return xml_bytes(root)
+    return document(root)
 
 
 def add_experiment(root: Element, kind: type[Component], variables: Sequence[Variable]) -> None:
@@ -302,10 +296,12 @@ def _structure(root: Element, trace: Trace) -> None:
     structure, found = SubElement(root, "ModelStructure"), dependencies(trace)
     groups = (("Outputs", found.outputs), ("Derivatives", found.derivatives), ("InitialUnknowns", found.initial))
     for name, unknowns in groups:
-        listed = SubElement(structure, name) if unknowns else None
-        for reference, known in unknowns.items() if listed is not None else ():
+        if not unknowns:
+            continue
+        listed = SubElement(structure, name)
+        for reference, known in unknowns.items():
             indices = " ".join(str(r + 1) for r in known)
-            SubElement(cast(Element, listed), "Unknown", index=str(reference + 1), dependencies=indices)
+            SubElement(listed, "Unknown", index=str(reference + 1), dependencies=indices)
 
 
 def build_description(kind: type[Component], sources: Sequence[str]) -> bytes:
@@ -315,4 +311,4 @@ def build_description(kind: type[Component], sources: Sequence[str]) -> bytes:
     files = SubElement(configuration, "SourceFileSet", language="C99")
     for name in sources:
         SubElement(files, "SourceFile", name=name)
-    return xml_bytes(root)
+    return document(root)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, SubElement
 
 from ..model import Controller, Plant
+from ..xmlfile import document
 from .description import (
     QUANTITIES,
     add_experiment,
@@ -17,7 +18,6 @@ from .description import (
     set_real_attributes,
     set_whole_bounds,
     used_types,
-    xml_bytes,
 )
 from .layout import Variable, fmi3_variables
 from .trace import Trace
@@ -66,7 +66,7 @@ def model_description3(trace: Trace, token: str, version: str) -> bytes:
     for group in groups:
         listed.append(_variable(group))
     _structure(root, trace)
-    return xml_bytes(root)
+    return document(root)
 
 
 def _variable(group: tuple[Variable, ...]) -> Element:

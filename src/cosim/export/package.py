@@ -128,7 +128,7 @@ class Workspace:
         files = [
             self.components()[name],
             *sorted((self.root / "fmus" / "physics").glob("*.py")),
-            *(package / f"{module}.py" for module in ("model", "units", "errors")),
+            *(package / f"{module}.py" for module in ("model", "units", "errors", "xmlfile")),
             *sorted(Path(__file__).parent.glob("*.py")),
             *sorted(NATIVE.glob("*.[ch]")),
             *asset_files(self.components()[name]),
@@ -216,7 +216,6 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     from .description import build_description, model_description
     from .description3 import model_description3
     from .page import documentation
-    from .terminals import terminals_and_icons
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
@@ -231,13 +230,10 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     runtime = {name: (NATIVE / name).read_bytes() for name in names}
     guid = _guid(described("") + model_c(traced, "", fmi).encode(), *runtime.values())
     sources = {"model.c": model_c(traced, guid, fmi).encode(), **runtime}
-    licence = (Path(__file__).parents[3] / "LICENSE").read_bytes()
     files = {
         "modelDescription.xml": described(guid),
         "documentation/index.html": documentation(traced, version, fmi=fmi),
-        "documentation/licenses/license.txt": licence,
-        **assets(kind, fmi),
-        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
+        **_common(kind, fmi),
         "sources/buildDescription.xml": build_description(kind, SOURCES),
         **{f"sources/{name}": content for name, content in sources.items()},
     }
@@ -259,7 +255,6 @@ def build_python(
     """
     from .description import model_description
     from .page import documentation
-    from .terminals import terminals_and_icons
     from .trace import trace
 
     version = importlib.metadata.version("motion-cosim")
@@ -274,10 +269,8 @@ def build_python(
     files = {
         "modelDescription.xml": model_description(traced, guid, version, sources=(), native=False),
         "documentation/index.html": documentation(traced, version, native=False),
-        "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
-        **assets(kind),
-        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
+        **_common(kind, 2),
         "resources/guid.txt": guid.encode(),
         **{f"resources/{path}": content for path, content in embedded.items()},
     }
@@ -288,6 +281,17 @@ def build_python(
     target = output / f"{kind.__name__}.fmu"
     write_zip(target, files)
     return target
+
+
+def _common(kind: type[Component], fmi: Fmi) -> dict[str, bytes]:
+    """The members of an FMU that do not depend on its flavour."""
+    from .terminals import terminals_and_icons
+
+    return {
+        "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
+        **assets(kind, fmi),
+    }
 
 
 def _licence(distribution: str) -> bytes:

@@ -20,7 +20,6 @@ from .trace import Trace
 
 SIGNS = ("positive", "a positive", "sign:", "valid", "do not combine", "for a start at speed")
 """How paragraphs of a docstring begin that say signs and limits of use."""
-_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 _STYLE = """
 body{font:16px/1.55 system-ui,sans-serif;color:#222;max-width:62rem;margin:2rem auto;padding:0 1.2rem}
@@ -148,17 +147,11 @@ def _outputs(trace: Trace, variables: Sequence[Variable]) -> list[str]:
 
 def _arrays(variables: Iterable[Variable]) -> list[list[Variable]]:
     """Variables one by one, the elements of an array together."""
-
-    def base(variable: Variable) -> str:
-        match = _ELEMENT.fullmatch(variable.name)
-        return match[1] if match else variable.name
-
-    return [list(group) for _, group in groupby(variables, base)]
+    return [list(group) for _, group in groupby(variables, lambda variable: variable.array or variable.name)]
 
 
 def _name(group: Sequence[Variable]) -> str:
-    match = _ELEMENT.fullmatch(group[0].name)
-    return html.escape(f"{match[1]}[1 ... {len(group)}]" if match and len(group) > 1 else group[0].name)
+    return html.escape(f"{group[0].array}[1 ... {len(group)}]" if len(group) > 1 else group[0].name)
 
 
 def _span(values: Sequence[float]) -> str:

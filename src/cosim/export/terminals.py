@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element, SubElement
 
 from ..model import Component, Controller, Plant, Source
-from .description import xml_bytes
+from ..xmlfile import document
 from .layout import variables_of
 
 TEXTS = {
@@ -91,4 +91,4 @@ def terminals_and_icons(kind: type[Component]) -> bytes:
             SubElement(
                 element, "TerminalMemberVariable", variableName=variable, memberName=member, variableKind="signal"
             )
-    return xml_bytes(root)
+    return document(root)

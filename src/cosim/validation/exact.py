@@ -20,8 +20,9 @@ import numpy as np
 from scipy.integrate import Radau
 
 from ..errors import DescriptionError
+from ..export.layout import scalars
 from ..lsref import Tolerance
-from ..model import Component, Controller, Plant, Source, declarations, fill
+from ..model import Component, Controller, Plant, Source, fill
 
 RELATIVE_TOLERANCE = 1e-10
 STIMULI_DIGITS = 7
@@ -79,7 +80,7 @@ def tolerance(kind: type[Component]) -> Tolerance:
 
 def scalar_names(record: Any) -> tuple[str, ...]:
     """Names of the scalar members of a record, array elements one by one."""
-    return tuple(name for declaration in declarations(record) for name in declaration.names)
+    return tuple(scalar.name for scalar in scalars(record))
 
 
 def trace(
@@ -128,7 +129,7 @@ def _plant(plant: Plant, validation: Validation, inputs: list[Any]) -> Iterator[
 def _integrated(plant: Plant, x: Any, u: Any, start: float, end: float) -> Any:
     """The state at ``end``; ``update`` follows each step of Radau, of which a communication step has 16 at least."""
     state: Any = type(x)
-    lines = [line for line in declarations(state) for _ in line.names]
+    lines = [scalar.declaration for scalar in scalars(state)]
     free = [i for i, line in enumerate(lines) if not line.discrete]
     values = [float(value) for value in x]
 

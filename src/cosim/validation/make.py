@@ -21,6 +21,7 @@ from ..model import Choice, Component, Plant, declarations
 from ..ssp import parameter_set
 from ..verify import Report, verify
 from ..verify_plot import draw
+from ..xmlfile import document
 from .exact import PLANT_TOLERANCE, Validation, scalar_names, tolerance, trace
 
 DIGITS = 11
@@ -73,7 +74,7 @@ def _references(kind: type[Component], fmu: Fmu, experiments: Sequence[Validatio
         start = _start(kind, validation)
         if start:
             parameters = f"{stem}_parameters.ssv"
-            files[parameters] = lsref.write_xml(parameter_set(fmu, start))
+            files[parameters] = document(parameter_set(fmu, start))
             related.append(Related(parameters, "parameter", lsref.SSV_TYPE, f"Parameters {about}"))
         if fmu.inputs:
             stimuli = f"{stem}_stimuli.csv"

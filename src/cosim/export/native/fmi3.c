@@ -161,14 +161,10 @@ FMI3_EXPORT fmi3Status fmi3Reset(fmi3Instance c) {
 
 /* ---- values ---- */
 
-/* Whether n variables have n_values elements together, and all are of the type; if not it is logged. */
-static int sized(Instance *instance, const fmi3ValueReference references[], size_t n, size_t n_values, int type,
-                 const char *function) {
+/* Whether n known variables have n_values elements together; if not it is logged. */
+static int sized(Instance *instance, const fmi3ValueReference references[], size_t n, size_t n_values, const char *function) {
     size_t expected = 0;
-    for (size_t i = 0; i < n; i++) {
-        if (unknown(instance, references[i], type, function)) return 0;
-        expected += (size_t)lengths[references[i]];
-    }
+    for (size_t i = 0; i < n; i++) expected += (size_t)lengths[references[i]];
     if (expected == n_values) return 1;
     say(instance, ERROR, "%s: %lu values, but the variables have %lu elements. Pass one for each.", function,
         (unsigned long)n_values, (unsigned long)expected);
@@ -179,13 +175,13 @@ static int sized(Instance *instance, const fmi3ValueReference references[], size
 static int prepare_read(Instance *instance, const fmi3ValueReference references[], size_t n, const void *values,
                         size_t n_values, int type, const char *function) {
     return prepare_get(instance, references, n, values, type, function) ||
-           !sized(instance, references, n, n_values, type, function);
+           !sized(instance, references, n, n_values, function);
 }
 
 static int prepare_write(Instance *instance, const fmi3ValueReference references[], size_t n, const void *values,
                          size_t n_values, int type, const char *function) {
     return prepare_set(instance, references, n, values, type, function) ||
-           !sized(instance, references, n, n_values, type, function);
+           !sized(instance, references, n, n_values, function);
 }
 
 FMI3_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[],
