@@ -591,7 +591,7 @@ def _description(path: Path) -> str:
 
 
 def _study(options: argparse.Namespace) -> int:
-    from . import study
+    from .commands import study
 
     return study.main(options.name, options.output, runs=options.runs, jobs=options.jobs, fmus=options.fmus)
 
