@@ -8,7 +8,7 @@ from ..study import find_study, judge, load_study, matching_runs, run_study
 
 
 def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 1, fmus: Path | None = None) -> int:
-    """``cosim study``: run a study, write its report into ``output`` (results/NAME), show the verdicts.
+    """Run a study, write its report into ``output`` (results/NAME), show the verdicts.
 
     Returns 0, or 1 if a run failed; a claim that does not hold is a finding, not a failure.
     """
@@ -18,7 +18,7 @@ def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Table
 
-    from ..study.report import STYLES, counts, values, write_report
+    from ..study.report import KINDS, STYLES, counts, values, write_report
 
     folder = find_study(name)
     study = load_study(folder)
@@ -38,16 +38,21 @@ def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 
         )
     verdicts = [judge(claim, outcomes) for claim in study.claims]
     report = write_report(output or Path("results") / folder.name, folder.name, study, outcomes, verdicts)
-    table = Table(title=escape(study.title), title_justify="left", box=SIMPLE_HEAD)
-    for heading in ("", "Claim", "Measured", "Verdict"):
-        table.add_column(heading)
-    for verdict in verdicts:
-        claim = verdict.claim
-        measured = values(verdict.measured, claim.unit) or verdict.reason
-        style = STYLES[verdict.status]
-        table.add_row(claim.id, escape(claim.text), escape(measured), f"[{style}]{verdict.status}[/]")
-    console.print(table)
-    console.print(", ".join(f"{count} {status}" for status, count in counts(verdicts).items()))
+    for kind, (title, text) in KINDS.items():
+        found = [verdict for verdict in verdicts if verdict.claim.kind == kind]
+        if not found:
+            continue
+        table = Table(title=f"{escape(study.title)}: {title}", title_justify="left", box=SIMPLE_HEAD)
+        for heading in ("", "Figure" if kind == "check" else "Claim", "Measured", "Verdict"):
+            table.add_column(heading)
+        for verdict in found:
+            claim = verdict.claim
+            measured = values(verdict.measured, claim) if verdict.measured else verdict.reason
+            style = STYLES[verdict.status]
+            table.add_row(claim.id, escape(claim.text), escape(measured), f"[{style}]{verdict.status}[/]")
+        console.print(table)
+        said = ", ".join(f"{count} {status}" for status, count in counts(verdicts, kind).items())
+        console.print(f"{title}: {said}. {text}")
     console.print(f"Written: {escape(str(report))}")
     failed = [outcome for outcome in outcomes.all() if outcome.failure]
     for outcome in failed:

@@ -14,7 +14,7 @@ from pathlib import Path
 from ..errors import CosimError, DescriptionError, SimulationError, suggest
 from ..master import simulate
 from ..results import Result
-from ..system import read_system, study_folders
+from ..system import System, read_system, study_folders
 from .rules import Numbers
 from .study import NONE, Outcome, Outcomes, Run, Study
 from .tracking import tracking
@@ -67,11 +67,28 @@ def measure_run(name: str, run: Run, result: Result) -> Outcome:
     return Outcome(name, run, numbers, thinned, int(result.metadata["steps"]))
 
 
+def run_system(folder: Path, run: Run, fmus: Path | None = None) -> System:
+    """The system of a run of the study in ``folder``, its values changed and scaled. Raises DescriptionError."""
+    system = read_system(folder / run.system, run.overrides, fmus=fmus, stop_time=run.stop_time)
+    if not run.scaled:
+        return system
+    instances = {instance.name: instance for instance in system.instances}
+    changed = dict(run.overrides)
+    for name, factor in run.scaled.items():
+        owner, _, variable = name.partition(".")
+        if owner not in instances or variable not in instances[owner].fmu.variables:
+            raise DescriptionError(f"{run.system}: there is no {name} to be scaled.")
+        instance = instances[owner]
+        start = instance.start.get(variable, instance.fmu.variables[variable].start)
+        changed[name] = factor * float(start or 0.0)
+    return read_system(folder / run.system, changed, fmus=fmus, stop_time=run.stop_time)
+
+
 def run_one(folder: Path, name: str, run: Run, fmus: Path | None = None) -> Outcome:
     """Carry out one run of the study in ``folder``; what stops it becomes the outcome's failure."""
     steps = 0
     try:
-        system = read_system(folder / run.system, run.overrides, fmus=fmus, stop_time=run.stop_time)
+        system = run_system(folder, run, fmus)
         steps = system.steps
         return measure_run(name, run, simulate(system))
     except CosimError as error:
