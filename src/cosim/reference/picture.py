@@ -15,22 +15,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import DescriptionError
-from .plots import COLOURS, display_unit, save, typeset
-from .verify import Outcome, Report, Signal
+from ..errors import DescriptionError
+from ..result.plots import COLOURS, display_unit, save, typeset
+from .replay import Outcome, Report, Signal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 COLUMNS = 4
 """Experiments side by side; more start new rows of panels."""
+
+
 SHOWN = 3
 """Signals drawn of an experiment for which none are chosen."""
+
+
 SMALLEST = 1e-7
 """Share of the tolerance that is drawn for a difference of 0."""
+
+
 WIDTHS = (6.0, 8.5, 10.5, 12.0)
 """Inches for 1 to 4 experiments side by side."""
+
+
 MARKED = 70
 """Dots drawn of a signal with more rows than that: every second, third ..."""
 

@@ -1,6 +1,6 @@
 """Reference results inside FMUs replayed: does this FMU behave here as its maker says?
 
-``verify`` runs every experiment that an FMU brings along (``cosim.lsref``), with FMPy's ``simulate_fmu``, FMI 2.0 and
+``verify`` runs every experiment that an FMU brings along (``fmi_ls_ref``), with FMPy's ``simulate_fmu``, FMI 2.0 and
 3.0, co-simulation or model exchange, ours or foreign. FMPy sets the inputs at the start of a communication step and
 reads the outputs right after it, before the next inputs; that is what the references of this library stand for.
 An FMU that only lists result files is run through its default experiment.
@@ -32,23 +32,37 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from . import lsref
-from .errors import DescriptionError, suggest
-from .fmu import ELEMENT, checked_members
-from .lsref import Experiment, Related, Table, Tolerance
-from .xmlfile import parse
+from ..errors import DescriptionError, suggest
+from ..fmu.archive import checked_members
+from ..fmu.description import ELEMENT
+from ..fmu.xml import parse
+from ..reference import fmi_ls_ref as lsref
+from .fmi_ls_ref import Experiment, Related, Table, Tolerance
 
 Interface = Literal["cs", "me"]
+
+
 Array = NDArray[np.float64]
+
 
 DEFAULT_TOLERANCE = 1e-3
 """Of the largest value of a reference for which the FMU states no tolerance: what tools call the same trace."""
+
+
 DEFAULT_TIMEOUT = 60.0
+
+
 FMI_TYPES: Mapping[Interface, str] = {"cs": "CoSimulation", "me": "ModelExchange"}
+
+
 TEXT_TYPES = ("String", "Binary", "Clock")
 """Types of variables whose references are not compared."""
+
+
 LAST_WORDS = 400
 """Characters of what a failed FMU printed last that are shown."""
+
+
 _lxml: Any = importlib.import_module("lxml.etree")
 
 
@@ -419,6 +433,8 @@ def _values(file: str, name: str, table: Table, variable: Any, element: int | No
 
 
 _TRUTH = {"true": 1.0, "false": 0.0}
+
+
 _INTEGERS = {
     **{f"{sign}Int{bits}": f"{sign.lower()}int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)},
     "Integer": "int32",

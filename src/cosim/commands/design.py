@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..console import fmus_argument, standard_output
 from ..errors import CosimError, DescriptionError
+from .console import fmus_argument, standard_output
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -173,7 +173,7 @@ def _common(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespa
 
 
 def _values(options: argparse.Namespace) -> dict[str, object]:
-    from ..system import parse_value
+    from ..system.values import parse_value
 
     found: dict[str, object] = {}
     for item in options.values:
@@ -246,7 +246,7 @@ class _Bar(AbstractContextManager["_Bar"]):
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    from . import sweep as sweeps
+    from ..design import sweep as sweeps
 
     plan = sweeps.read_sweep(options.file, fmus=options.fmus)
     with _Bar("Runs") as bar:
@@ -285,7 +285,7 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _identify(options: argparse.Namespace) -> int:
-    from . import identify
+    from ..design import identify
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
@@ -323,7 +323,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _linear(options: argparse.Namespace) -> int:
-    from .stability import closed_form_limits, linear_limits
+    from ..design.stability import closed_form_limits, linear_limits
 
     limits = {W: (*linear_limits(W, options.alpha * options.T_s), *closed_form_limits(W)) for W in options.W}
     names = ("zeta_min", "zeta_max", "closed_form_min", "closed_form_max")
@@ -335,7 +335,7 @@ def _linear(options: argparse.Namespace) -> int:
 
 
 def _practical(options: argparse.Namespace) -> int:
-    from .stability import practical_limit
+    from ..design.stability import practical_limit
 
     limit = practical_limit(
         options.system,
@@ -355,7 +355,7 @@ def _practical(options: argparse.Namespace) -> int:
 
 
 def _map(options: argparse.Namespace) -> int:
-    from .stability import limit_map, plot_limit_map, read_map
+    from ..design.stability import limit_map, plot_limit_map, read_map
 
     file = read_map(options.file, fmus=options.fmus)
     with _Bar("Limits") as bar:
@@ -387,7 +387,7 @@ def _map(options: argparse.Namespace) -> int:
 
 
 def _learn(options: argparse.Namespace) -> int:
-    from . import pulse
+    from ..design import pulse
 
     values = _values(options)
     learned: dict[str, pulse.Learned] = {}
@@ -446,7 +446,7 @@ def _learn(options: argparse.Namespace) -> int:
 
 
 def _tune(options: argparse.Namespace) -> int:
-    from .tune import Trial, read_tuning, tune, write_start
+    from ..design.tune import Trial, read_tuning, tune, write_start
 
     tuning = read_tuning(options.file, fmus=options.fmus)
     with _Bar("Runs") as bar:
@@ -474,8 +474,8 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def _linearize(options: argparse.Namespace) -> int:
-    from . import linearize
-    from .linearize import Margins
+    from ..design import linearize
+    from ..design.linearize import Margins
 
     try:
         at = float(options.at.removeprefix("t="))
@@ -490,7 +490,7 @@ def _linearize(options: argparse.Namespace) -> int:
         source: Any = options.source
         model = linearize.linearize(source, inputs=options.inputs, outputs=options.outputs, start=start)
     else:
-        from ..system import read_system
+        from ..system.system import read_system
 
         source = read_system(options.source, values, fmus=options.fmus)
         model = linearize.linearize(

@@ -1,99 +1,29 @@
-"""A system: FMU instances, their start values and connections, and the experiment, read and checked.
-
-A system file is TOML::
-
-    base = "common.toml"                      # optional: a file of the same folder that this one completes
-    description = "Two lags in a row"
-    connections = [
-        "source.position -> controller.position_ref",
-        { from = "controller.command", to = "plant.command", factor = 628.3, offset = 0.0 },
-    ]
-
-    [experiment]
-    start_time = 0.0
-    stop_time = 10.0
-    step_size = 1e-4
-    order = ["source", "controller", "plant"]  # or "sequential" (default: derived), or "parallel"
-    tolerance = 1e-6                           # optional, told to every FMU
-
-    [instances.plant]
-    fmu = "BallscrewStage"                     # in the FMU folder; or a path to an .fmu, relative to this file
-    start = { m = 62.4, kind = "sine", "nct.error" = [0.0, 1e-6] }
-    step_multiple = 1                          # doStep every this many communication steps
-
-    [record]
-    variables = ["plant.position", "controller.*"]   # default: all outputs of all instances
-    decimation = 1
-
-Everything that can be wrong is found here, before any FMU is started, and reported at once. Times and step sizes
-stay decimals, so that ``0.1`` divides ``1.0``.
-"""
+"""Checks a document and reports all problems at once."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, TypedDict, cast
 
-from .errors import DescriptionError, suggest
-from .fmu import Fmu, Value, Variable, missing_binary, read_fmu
-from .units import conversion, same_unit
-
-Order = Literal["sequential", "parallel"] | tuple[str, ...]
-FMU_FOLDER = Path("build") / "fmus" / "native"
-
-_PACKAGE = Path(__file__).resolve().parent
-PREBUILT = _PACKAGE / "prebuilt"
-"""FMUs that come with the installed package; a checkout has none there."""
+from ..errors import DescriptionError, suggest
+from ..fmu.description import Fmu, Value, Variable, missing_binary, read_fmu
+from ..fmu.places import FMU_FOLDER, find_fmus
+from .connections import ACCEPTED_TYPES, ARROW, is_same_unit, unit_remedy
+from .order import evaluation_order, feedthrough
+from .parts import Connection, Instance, Order, system_digest
+from .values import decimal, flat_table, is_numeric, show_value, start_value
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_ARROW = re.compile(r"\s*(\S+)\s*->\s*(\S+)\s*")
-_WIDER = {
-    "Real": ("Real", "Integer", "Enumeration", "Boolean"),
-    "Integer": ("Integer", "Enumeration", "Boolean"),
-    "Boolean": ("Boolean",),
-    "Enumeration": ("Enumeration",),
-}
-"""Types of outputs that an input of a type takes; what loses nothing is converted."""
 
 
-@dataclass(frozen=True)
-class Instance:
-    """One use of an FMU in a system."""
-
-    name: str
-    fmu: Fmu
-    start: Mapping[str, Value]
-    step_multiple: int
-
-
-@dataclass(frozen=True)
-class Connection:
-    """``target = factor*source + offset``; both ends are (instance, variable)."""
-
-    source: tuple[str, str]
-    target: tuple[str, str]
-    factor: float = 1.0
-    offset: float = 0.0
-    converts: bool = False
-    """Whether a factor is given, so that the units of the ends may differ."""
-
-    def __str__(self) -> str:
-        return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
-
-
-@dataclass(frozen=True)
-class System:
-    """A checked system; ``read_system`` and ``make_system`` create it."""
+class SystemFields(TypedDict):
+    """The fields of a System, as a check finds them."""
 
     name: str
     description: str
@@ -105,254 +35,18 @@ class System:
     steps: int
     order: Order
     visits: tuple[str, ...]
-    """Instances in the order in which inputs are set and feedthrough is evaluated at a communication point."""
     tolerance: float | None
     record: tuple[tuple[str, str], ...]
     decimation: int
     notes: tuple[str, ...]
-    """What is legal but worth knowing."""
     digest: str
-    """SHA-256 of everything that decides the results: FMUs, start values, connections, experiment."""
-    document: Mapping[str, Any] = field(repr=False)
-    folder: Path = field(repr=False)
-    fmus: Path | None = field(repr=False)
-
-    @property
-    def parallel(self) -> bool:
-        """Whether all instances step with the outputs of the previous communication point (Jacobi)."""
-        return self.order == "parallel"
-
-    def instance(self, name: str) -> Instance:
-        """The instance of that name. Raises DescriptionError."""
-        for instance in self.instances:
-            if instance.name == name:
-                return instance
-        raise DescriptionError(f"{self.name}: no instance '{name}'.{suggest(name, (i.name for i in self.instances))}")
-
-    def variable(self, instance: str, name: str) -> Variable:
-        """A variable of an instance. Raises DescriptionError."""
-        fmu = self.instance(instance).fmu
-        if name not in fmu.variables:
-            raise DescriptionError(f"{self.name}: {fmu.name} has no variable '{name}'.{suggest(name, fmu.variables)}")
-        return fmu.variables[name]
-
-    def changed(
-        self,
-        overrides: Mapping[str, object] | None = None,
-        *,
-        stop_time: float | str | Decimal | None = None,
-        step_size: float | str | Decimal | None = None,
-        order: str | Sequence[str] | None = None,
-        record: Sequence[str] | None = None,
-        decimation: int | None = None,
-    ) -> System:
-        """The same system with other start values (``{"plant.m": 70.0}``) or another experiment, checked again."""
-        document, problems = _changed(
-            self.document,
-            self.name,
-            overrides or {},
-            stop_time=stop_time,
-            step_size=step_size,
-            order=order,
-            record=record,
-            decimation=decimation,
-        )
-        experiment = (stop_time, step_size, order, record, decimation)
-        plain = overrides and not problems and all(value is None for value in experiment)
-        if plain and (starts := self._starts(overrides or {})) is not None:
-            return self._with_starts(starts, document)
-        return _Reader(document, self.name, self.folder, self.fmus, problems).system()
-
-    def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
-        """Start values by instance, if they are right and the rest of the system cannot depend on them."""
-        starts: dict[str, dict[str, Value]] = {}
-        for path, given in overrides.items():
-            name, _, variable_name = path.partition(".")
-            variable = self.instance(name).fmu.variables.get(variable_name)
-            if variable is None or variable_name == "T_s" or not variable.settable:
-                return None
-            value, _ = start_value(variable, given)
-            if value is None:
-                return None
-            starts.setdefault(name, {})[variable_name] = value
-        return starts
-
-    def _with_starts(self, starts: Mapping[str, Mapping[str, Value]], document: Mapping[str, Any]) -> System:
-        """What ``make_system`` gives for ``document``, without checking again what start values cannot change."""
-        instances = {
-            i.name: replace(i, start={**i.start, **starts[i.name]}) if i.name in starts else i for i in self.instances
-        }
-        times = (self.start_time, self.stop_time, self.step_size)
-        digest = _digest(instances, self.connections, times, self.order, self.tolerance, self.record, self.decimation)
-        return replace(self, instances=tuple(instances.values()), digest=digest, document=document)
+    document: Mapping[str, Any]
+    folder: Path
+    fmus: Path | None
 
 
-def read_system(
-    path: str | Path,
-    overrides: Mapping[str, object] | None = None,
-    *,
-    fmus: str | Path | None = None,
-    stop_time: float | str | Decimal | None = None,
-    step_size: float | str | Decimal | None = None,
-    order: str | Sequence[str] | None = None,
-    record: Sequence[str] | None = None,
-    decimation: int | None = None,
-) -> System:
-    """Read and check the system at ``path`` (.toml, .ssp, .ssd); ``fmus`` is the folder of FMUs given by name.
-
-    A system that comes with cosim can be given by name, such as "shams2010/fsmc_5sin".
-    ``overrides`` replaces start values (``{"plant.m": 70.0}``), the other arguments the experiment's.
-    Raises DescriptionError with every problem found.
-    """
-    path = shipped_file(path)
-    loaded, folder = _read_ssp(path) if path.suffix.lower() in (".ssp", ".ssd") else (_load(path, ()), path.parent)
-    document, problems = _changed(
-        loaded,
-        path.name,
-        overrides or {},
-        stop_time=stop_time,
-        step_size=step_size,
-        order=order,
-        record=record,
-        decimation=decimation,
-    )
-    return _Reader(document, path.name, folder, None if fmus is None else Path(fmus), problems).system()
-
-
-def make_system(
-    document: Mapping[str, Any], *, name: str = "system", folder: str | Path = ".", fmus: str | Path | None = None
-) -> System:
-    """Check a system given as nested tables, as a system file holds them. ``folder`` is where its paths start."""
-    return _Reader(document, name, Path(folder), None if fmus is None else Path(fmus), []).system()
-
-
-def parse_value(text: str) -> object:
-    """A value typed at a prompt: what TOML reads it as, else the text itself (an enumeration item)."""
-    try:
-        return tomllib.loads(f"value = {text}", parse_float=Decimal)["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-
-
-def _read_ssp(path: Path) -> tuple[dict[str, Any], Path]:
-    from .ssp import read_ssp  # reads XML schemas: only where one is needed
-
-    return read_ssp(path)
-
-
-def _load(path: Path, parents: tuple[Path, ...]) -> dict[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        near = suggest(path.name, (p.name for p in path.parent.glob("*.toml"))) if path.parent.is_dir() else ""
-        raise DescriptionError(f"{path}: no such file.{near}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DescriptionError(f"{path}: cannot be read ({error}).") from None
-    try:
-        document = tomllib.loads(text, parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
-        raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None
-    base = document.pop("base", None)
-    if base is None:
-        return document
-    if not isinstance(base, str) or Path(base).name != base:
-        raise DescriptionError(f"{path.name}: base: give the name of a file in the same folder.")
-    parent = path.parent / base
-    if parent.resolve() in (path.resolve(), *(p.resolve() for p in parents)):
-        raise DescriptionError(f"{path.name}: base: '{base}' leads back to this file.")
-    return _merged(_load(parent, (*parents, path)), document)
-
-
-def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    result = dict(under)
-    for key, value in over.items():
-        old = result.get(key)
-        if isinstance(old, Mapping) and isinstance(value, Mapping):
-            result[key] = _merged(cast("Mapping[str, Any]", old), cast("Mapping[str, Any]", value))
-        else:
-            result[key] = value
-    return result
-
-
-def _changed(
-    document: Mapping[str, Any], name: str, overrides: Mapping[str, object], **experiment: object
-) -> tuple[dict[str, Any], list[str]]:
-    """``document`` with start values and experiment replaced, and problems: what cannot be placed."""
-    instances = document.get("instances")
-    known = list(cast("Mapping[str, Any]", instances)) if isinstance(instances, Mapping) else []
-    problems: list[str] = []
-    starts: dict[str, dict[str, object]] = {}
-    for path, value in overrides.items():
-        instance, dot, variable = path.partition(".")
-        if not dot or not variable:
-            problems.append(f"{name}: value for '{path}': write INSTANCE.VARIABLE, such as plant.m.")
-        elif instance not in known:
-            problems.append(f"{name}: value for {path}: no instance '{instance}'.{suggest(instance, known)}")
-        else:
-            starts.setdefault(instance, {})[variable] = value
-    over: dict[str, Any] = {}
-    if starts:
-        tables = dict(cast("Mapping[str, Any]", instances))
-        for instance, values in starts.items():
-            table = tables[instance]
-            if isinstance(table, Mapping):
-                old = cast("Mapping[str, Any]", table)
-                start = old.get("start", {})
-                flat = dict(_flat(cast("Mapping[str, Any]", start))) if isinstance(start, Mapping) else {}
-                tables[instance] = {**old, "start": {**flat, **values}}
-        document = {**document, "instances": tables}
-    record = {
-        key: value
-        for key, value in (("variables", experiment.pop("record")), ("decimation", experiment.pop("decimation")))
-        if value is not None
-    }
-    if record:
-        over["record"] = record
-    given = {key: _decimal(value) or value for key, value in experiment.items() if value is not None}
-    if given:
-        over["experiment"] = given
-    return _merged(document, over), problems
-
-
-def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values: TOML reads ``nct.error = [...]`` as a table in a table."""
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _flat(cast("Mapping[str, Any]", value), f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def _decimal(value: object) -> Decimal | None:
-    """``value`` as a decimal if it is a number; floats as they are written."""
-    if isinstance(value, bool):
-        return None
-    if isinstance(value, Decimal):
-        return value
-    if isinstance(value, int):
-        return Decimal(value)
-    try:
-        if isinstance(value, str):
-            return Decimal(value)
-        return Decimal(repr(float(cast(Any, value))))
-    except (InvalidOperation, TypeError, ValueError):
-        return None
-
-
-def _show(value: object) -> str:
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, bool):
-        return str(value).lower()
-    return str(value)
-
-
-def _unit(variable: Variable) -> str:
-    return f" {variable.unit}" if variable.unit and variable.unit != "1" else ""
-
-
-class _Reader:
-    """Turns a document into a System, collecting problems instead of stopping at the first."""
+class SystemCheck:
+    """Turns a document into the fields of a System, collecting problems instead of stopping at the first."""
 
     def __init__(
         self, document: Mapping[str, Any], name: str, folder: Path, fmus: Path | None, problems: Sequence[str]
@@ -370,7 +64,8 @@ class _Reader:
     def note(self, where: str, text: str) -> None:
         self.notes.append(f"{where}: {text}")
 
-    def system(self) -> System:
+    def fields(self) -> SystemFields:
+        """The fields of the checked System. Raises DescriptionError with every problem found."""
         self.known_keys("", self.document, ("description", "connections", "experiment", "instances", "record"))
         instances = self.instances()
         start, stop, step, steps, order, tolerance = self.experiment(instances)
@@ -386,7 +81,7 @@ class _Reader:
         if self.problems or start is None or stop is None or step is None:
             raise DescriptionError(self.problems)
         description = str(self.document.get("description", ""))
-        return System(
+        return SystemFields(
             name=self.name,
             description=description,
             instances=tuple(instances.values()),
@@ -401,7 +96,7 @@ class _Reader:
             record=record,
             decimation=decimation,
             notes=tuple(self.notes),
-            digest=_digest(instances, connections, (start, stop, step), order, tolerance, record, decimation),
+            digest=system_digest(instances, connections, (start, stop, step), order, tolerance, record, decimation),
             document=self.document,
             folder=self.folder,
             fmus=self.fmus,
@@ -424,9 +119,9 @@ class _Reader:
 
     def integer(self, where: str, value: object) -> int:
         """A count of at least 1."""
-        number = _decimal(value) if not isinstance(value, str) else None
+        number = decimal(value) if not isinstance(value, str) else None
         if number is None or not number.is_finite() or number != number.to_integral_value() or number < 1:
-            self.problem(where, f"{_show(value)} is not a count. Give a whole number of at least 1.")
+            self.problem(where, f"{show_value(value)} is not a count. Give a whole number of at least 1.")
             return 1
         return int(number)
 
@@ -461,9 +156,11 @@ class _Reader:
                 )
         tolerance = None
         if "tolerance" in table:
-            number = _decimal(table["tolerance"])
+            number = decimal(table["tolerance"])
             if number is None or not number.is_finite() or not 0 < number < 1:
-                self.problem("experiment.tolerance", f"{_show(table['tolerance'])}: give a number between 0 and 1.")
+                self.problem(
+                    "experiment.tolerance", f"{show_value(table['tolerance'])}: give a number between 0 and 1."
+                )
             else:
                 tolerance = float(number)
         return start, stop, step, steps, self.order(table.get("order", "sequential"), instances), tolerance
@@ -474,9 +171,9 @@ class _Reader:
             if default is None:
                 self.problem(where, f"missing. Give it in seconds, such as {key} = 1.0.")
             return default
-        number = None if isinstance(table[key], str) else _decimal(table[key])
+        number = None if isinstance(table[key], str) else decimal(table[key])
         if number is None or not number.is_finite():
-            self.problem(where, f"{_show(table[key])} is not a finite number of seconds.")
+            self.problem(where, f"{show_value(table[key])} is not a finite number of seconds.")
             return None
         return number
 
@@ -573,7 +270,7 @@ class _Reader:
             self.problem(where, "must be a table, such as start = { m = 62.4 }.")
             return {}
         result: dict[str, Value] = {}
-        for name, given in _flat(cast("Mapping[str, Any]", value)):
+        for name, given in flat_table(cast("Mapping[str, Any]", value)):
             if name in fmu.variables:
                 self.one_start(f"{where}.{name}", fmu.variables[name], given, result)
             elif name in fmu.arrays:
@@ -587,7 +284,9 @@ class _Reader:
         self, where: str, fmu: Fmu, elements: Sequence[str], given: object, result: dict[str, Value]
     ) -> None:
         if isinstance(given, str) or not isinstance(given, Iterable):
-            self.problem(where, f"{_show(given)} is no list: {fmu.name} has an array of {len(elements)} elements here.")
+            self.problem(
+                where, f"{show_value(given)} is no list: {fmu.name} has an array of {len(elements)} elements here."
+            )
             return
         values = list(cast("Iterable[object]", given))
         if len(values) != len(elements):
@@ -635,7 +334,7 @@ class _Reader:
         where = f"connections, number {number}"
         factor, offset, converts = 1.0, 0.0, False
         if isinstance(item, str):
-            match = _ARROW.fullmatch(item)
+            match = ARROW.fullmatch(item)
             if match is None:
                 self.problem(where, f"cannot read '{item}'. Write it like 'controller.command -> plant.command'.")
                 return None
@@ -647,10 +346,10 @@ class _Reader:
             if not isinstance(ends[0], str) or not isinstance(ends[1], str):
                 self.problem(where, 'give both ends: { from = "a.y", to = "b.u", factor = 1.0, offset = 0.0 }.')
                 return None
-            numbers = {key: _decimal(table.get(key, default)) for key, default in (("factor", 1), ("offset", 0))}
+            numbers = {key: decimal(table.get(key, default)) for key, default in (("factor", 1), ("offset", 0))}
             for key, numeric in numbers.items():
                 if numeric is None or not numeric.is_finite() or isinstance(table.get(key), str):
-                    self.problem(f"{where}, {key}", f"{_show(table.get(key))} is not a finite number.")
+                    self.problem(f"{where}, {key}", f"{show_value(table.get(key))} is not a finite number.")
                     return None
             factor, offset = float(cast(Decimal, numbers["factor"])), float(cast(Decimal, numbers["offset"]))
             converts = "factor" in table
@@ -701,7 +400,7 @@ class _Reader:
         target: Variable,
         instances: Mapping[str, Instance],
     ) -> None:
-        if source.type not in _WIDER.get(target.type, ()):
+        if source.type not in ACCEPTED_TYPES.get(target.type, ()):
             self.problem(where, f"an output of type {source.type} cannot feed an input of type {target.type}.")
             return
         transformed = connection.factor != 1.0 or connection.offset != 0.0
@@ -710,12 +409,12 @@ class _Reader:
         if connection.converts or source.unit is None or target.unit is None:
             return
         one, other = instances[connection.source[0]].fmu, instances[connection.target[0]].fmu
-        if _same_unit(one, source.unit, other, target.unit):
+        if is_same_unit(one, source.unit, other, target.unit):
             return
         self.problem(
             where,
             f"unit {source.unit} does not match {target.unit}. "
-            + _unit_remedy(source.unit, target.unit, ".".join(connection.source), ".".join(connection.target)),
+            + unit_remedy(source.unit, target.unit, ".".join(connection.source), ".".join(connection.target)),
         )
 
     # Steps and samples
@@ -745,7 +444,7 @@ class _Reader:
         if variable is None or variable.causality != "parameter" or variable.unit != "s" or not instance.fmu.inputs:
             return None
         given = instance.start.get("T_s")
-        value = _decimal(variable.start_text if given is None else given)
+        value = decimal(variable.start_text if given is None else given)
         return value if value is not None and value.is_finite() and value > 0 else None
 
     # Record
@@ -756,7 +455,7 @@ class _Reader:
         decimation = self.integer("record.decimation", table.get("decimation", 1))
         patterns = table.get("variables")
         if patterns is None:
-            chosen = [(i.name, v) for i in instances.values() for v in i.fmu.outputs if _numeric(i.fmu.variables[v])]
+            chosen = [(i.name, v) for i in instances.values() for v in i.fmu.outputs if is_numeric(i.fmu.variables[v])]
             return tuple(chosen), decimation
         if isinstance(patterns, str) or not isinstance(patterns, Sequence):
             self.problem("record.variables", 'must be a list, such as ["plant.position", "controller.*"].')
@@ -770,7 +469,7 @@ class _Reader:
     def recorded(self, pattern: object, instances: Mapping[str, Instance]) -> Iterator[tuple[str, str]]:
         where = "record.variables"
         if not isinstance(pattern, str):
-            self.problem(where, f"{_show(pattern)} is not a text.")
+            self.problem(where, f"{show_value(pattern)} is not a text.")
             return
         if "*" not in pattern and "?" not in pattern:
             name, _, variable = pattern.partition(".")
@@ -783,7 +482,7 @@ class _Reader:
             if variable not in fmu.variables:
                 known = [v for v in fmu.variables if not v.endswith("]")]
                 self.problem(where, f"'{pattern}': {fmu.name} has no variable '{variable}'.{suggest(variable, known)}")
-            elif not _numeric(fmu.variables[variable]):
+            elif not is_numeric(fmu.variables[variable]):
                 self.problem(where, f"'{pattern}' is a String; only numbers are recorded.")
             else:
                 yield name, variable
@@ -793,7 +492,7 @@ class _Reader:
         for name, instance in instances.items():
             for variable in instance.fmu.variables.values():
                 varies = variable.causality in ("input", "output", "local") and variable.variability != "constant"
-                if varies and _numeric(variable) and expression.fullmatch(f"{name}.{variable.name}"):
+                if varies and is_numeric(variable) and expression.fullmatch(f"{name}.{variable.name}"):
                     found = True
                     yield name, variable.name
         if not found and instances:
@@ -806,7 +505,7 @@ class _Reader:
     ) -> tuple[str, ...]:
         """In which order instances get their inputs and give their feedthrough outputs at a communication point."""
         connected = {connection.target: connection.source for connection in connections}
-        outputs = _feedthrough(instances, connected)
+        outputs = feedthrough(instances, connected)
         graph = {**outputs, **{target: (source,) for target, source in connected.items()}}
         try:
             TopologicalSorter(graph).prepare()
@@ -821,7 +520,7 @@ class _Reader:
             )
             return tuple(instances)
         if not isinstance(order, tuple):
-            return _evaluation(list(instances), outputs, connected)
+            return evaluation_order(list(instances), outputs, connected)
         for connection in connections:
             source, target = connection.source, connection.target
             if source in outputs and order.index(source[0]) >= order.index(target[0]):
@@ -831,161 +530,3 @@ class _Reader:
                     f"directly on its inputs. Put {source[0]} before {target[0]}.",
                 )
         return order
-
-
-def find_fmus(folder: Path) -> Path | None:
-    """Where FMUs given by name are: ``build/fmus/native`` in or above ``folder`` or the working directory, else the
-    FMUs that come with the package. None if there are none.
-    """
-    for start in (folder.resolve(), Path.cwd()):
-        for place in (start, *start.parents):
-            if (place / FMU_FOLDER).is_dir():
-                return place / FMU_FOLDER
-    return PREBUILT if PREBUILT.is_dir() else None
-
-
-def study_folders() -> tuple[Path, ...]:
-    """Where studies are looked for: beside the package's source tree, then inside the installed package."""
-    return (_PACKAGE.parents[1] / "studies", _PACKAGE / "studies")
-
-
-def shipped_file(path: str | Path) -> Path:
-    """``path``; if there is no such file, the one of that name which comes with cosim, if there is one.
-
-    The name is that in the folder ``studies``: ``shams2010/fsmc_5sin`` or ``studies/shams2010/fsmc_5sin.toml``.
-    """
-    path = Path(path)
-    name = path.relative_to("studies") if path.is_relative_to("studies") else path
-    places = () if path.exists() or path.is_absolute() else study_folders()
-    candidates = (place / f"{name.as_posix()}{ending}" for place in places for ending in ("", ".toml"))
-    return next(filter(Path.is_file, candidates), path)
-
-
-def shipped_systems() -> dict[str, Path]:
-    """System files that come with the project: ``study/system`` -> path."""
-    found: dict[str, Path] = {}
-    for place in study_folders():
-        for path in sorted(place.glob("*/*.toml")):
-            found.setdefault(f"{path.parent.name}/{path.stem}", path)
-    return found
-
-
-def _numeric(variable: Variable) -> bool:
-    return variable.type != "String"
-
-
-def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
-    """The start value for ``variable``, or what is wrong with it."""
-    kind, unit = variable.type, _unit(variable)
-    if kind == "String":
-        return (given, "") if isinstance(given, str) else (None, f"{_show(given)} is not a text. Write it in quotes.")
-    if kind == "Boolean":
-        return (given, "") if isinstance(given, bool) else (None, f"{_show(given)}: give true or false.")
-    if kind == "Enumeration" and isinstance(given, str):
-        if given in variable.items:
-            return variable.items[given], ""
-        return None, f"'{given}' is no item of this enumeration.{suggest(given, variable.items)}"
-    number = None if isinstance(given, str) else _decimal(given)
-    if number is None:
-        return None, f"{_show(given)} is not a number." + (f" The unit is {variable.unit}." if unit else "")
-    if not number.is_finite() or not math.isfinite(float(number)):
-        return None, f"{_show(given)} is not finite. Give a number."
-    if kind in ("Integer", "Enumeration"):
-        if number != number.to_integral_value():
-            return None, f"{_show(given)} is not a whole number."
-        if not -(2**31) <= number < 2**31:
-            return None, f"{_show(given)} does not fit 32 bits."
-        if variable.items and int(number) not in variable.items.values():
-            return None, f"{_show(given)} is no item of this enumeration.{suggest('', variable.items)}"
-    if variable.min is not None and number < Decimal(repr(variable.min)):
-        return None, f"{_show(given)}{unit} is below its minimum {variable.min:g}{unit}."
-    if variable.max is not None and number > Decimal(repr(variable.max)):
-        return None, f"{_show(given)}{unit} is above its maximum {variable.max:g}{unit}."
-    return (float(number) if kind == "Real" else int(number)), ""
-
-
-def _same_unit(one: Fmu, unit: str, other: Fmu, other_unit: str) -> bool:
-    if unit == other_unit:
-        return True
-    try:
-        return same_unit(unit, other_unit)
-    except DescriptionError:
-        # A unit this package cannot read: compare what the two files state about it.
-        a, b = one.base_units.get(unit), other.base_units.get(other_unit)
-        return a is not None and b is not None and a[1:] == b[1:] and math.isclose(a[0], b[0], rel_tol=1e-12)
-
-
-def _unit_remedy(unit: str, other: str, source: str, target: str) -> str:
-    try:
-        factor = f"{conversion(unit, other):.12g}"
-    except DescriptionError:
-        factor = f"... ({other} per {unit})"
-    return f'To convert, write {{ from = "{source}", to = "{target}", factor = {factor} }}.'
-
-
-def _feedthrough(
-    instances: Mapping[str, Instance], connected: Mapping[tuple[str, str], tuple[str, str]]
-) -> dict[tuple[str, str], tuple[tuple[str, str], ...]]:
-    """The outputs that depend directly on connected inputs, with these inputs."""
-    outputs: dict[tuple[str, str], tuple[tuple[str, str], ...]] = {}
-    for name, instance in instances.items():
-        for output, inputs in instance.fmu.dependencies.items():
-            wired = tuple((name, i) for i in inputs if (name, i) in connected)
-            if wired:
-                outputs[name, output] = wired
-    return outputs
-
-
-def _evaluation(
-    names: Sequence[str],
-    outputs: Mapping[tuple[str, str], tuple[tuple[str, str], ...]],
-    connected: Mapping[tuple[str, str], tuple[str, str]],
-) -> tuple[str, ...]:
-    """Instances in the order of their feedthrough, which has no loop.
-
-    An instance comes once all its inputs are known. Where two instances need each other through different
-    variables, one comes twice: first for the outputs it can give.
-    """
-    pending = set(outputs)
-    waiting = list(names)
-    visits: list[str] = []
-
-    def complete(name: str) -> bool:
-        return not any(target[0] == name and source in pending for target, source in connected.items())
-
-    def known(name: str) -> set[tuple[str, str]]:
-        own = {output for output in pending if output[0] == name}
-        return {output for output in own if not any(connected[needed] in pending for needed in outputs[output])}
-
-    while waiting:
-        name = next(filter(complete, waiting), None)
-        if name is not None:
-            waiting.remove(name)
-        else:
-            name = next(filter(known, waiting))
-        pending -= known(name)
-        visits.append(name)
-    return tuple(visits)
-
-
-def _digest(  # noqa: PLR0917
-    instances: Mapping[str, Instance],
-    connections: Sequence[Connection],
-    times: Sequence[Decimal],
-    order: Order,
-    tolerance: float | None,
-    record: Sequence[tuple[str, str]],
-    decimation: int,
-) -> str:
-    content = {
-        "instances": {
-            name: [i.fmu.digest, sorted(i.start.items()), i.step_multiple] for name, i in sorted(instances.items())
-        },
-        "connections": sorted([str(c), c.factor, c.offset] for c in connections),
-        "times": [float(time) for time in times],
-        "order": order,
-        "tolerance": tolerance,
-        "record": record,
-        "decimation": decimation,
-    }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

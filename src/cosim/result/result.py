@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import DescriptionError, suggest
+from ..errors import DescriptionError, suggest
 
 FORMATS = (".csv", ".parquet")
 

@@ -16,11 +16,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..errors import DescriptionError
 from .console import complain, fmus_argument, remark, standard_output
-from .errors import DescriptionError
 
 if TYPE_CHECKING:
-    from .verify import Outcome, Report
+    from ..reference.replay import Outcome, Report
 
 
 def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
@@ -57,7 +57,7 @@ def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
 def _verify(find: Callable[[str, Path | None], Path], options: argparse.Namespace) -> int:
     from rich.progress import track
 
-    from .verify import verify_all
+    from ..reference.replay import verify_all
 
     problems: list[str] = []
     for name, low in (("tolerance", options.tolerance), ("timeout", options.timeout)):
@@ -98,7 +98,7 @@ def _paths(text: str, folder: Path | None, find: Callable[[str, Path | None], Pa
 
 
 def _draw(report: Report, target: Path, number: int) -> None:
-    from .verify_plot import draw
+    from ..reference.picture import draw
 
     draw(report, target if number == 1 else target.with_stem(f"{target.stem}_{report.path.stem}"))
 

@@ -19,19 +19,23 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from .errors import DescriptionError
-from .metrics import Array, Loop, Recorded, loops, max_abs
-from .units import conversion
+from ..errors import DescriptionError
+from ..units import conversion
+from .metrics import Array, max_abs
+from .summary import Loop, Recorded, loops
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
 """Line colours in order (Okabe and Ito 2008, yellow left out: it is pale on white)."""
 
+
 POINTS = 4000
 """A signal with more samples is drawn as the envelope over this many columns."""
+
 
 _DISPLAY = {
     "m": ("mm", "um", "nm"),
@@ -42,6 +46,8 @@ _DISPLAY = {
     "A": ("A", "mA"),
     "V": ("V", "mV"),
 }
+
+
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 9.0,

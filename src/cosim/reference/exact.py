@@ -21,14 +21,20 @@ from scipy.integrate import Radau
 
 from ..errors import DescriptionError
 from ..export.layout import scalars
-from ..lsref import Tolerance
 from ..model import Component, Controller, Plant, Source, fill
+from .fmi_ls_ref import Tolerance
 
 RELATIVE_TOLERANCE = 1e-10
+
+
 STIMULI_DIGITS = 7
 """Significant digits of a stimulus: what is written into the file is exactly what was used."""
+
+
 PLANT_TOLERANCE = 1e-9
 """Relative tolerance that a plant's experiment asks its solver for."""
+
+
 SHARES = {Plant: 1e-6, Controller: 1e-9, Source: 1e-9}
 """Relative tolerances of comparison. Plants: what the solvers of both flavours make of 1e-9 over 100 restarts, with
 a factor of 10 to spare. Others: differences of last bits (``exp`` and ``sin`` of another platform), divided by T_s."""

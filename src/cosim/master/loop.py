@@ -29,13 +29,17 @@ from numpy.typing import NDArray
 
 llvm: Any = import_module("llvmlite.binding")
 
+
 PROGRAM_COLUMNS = 11
+
+
 COMPONENT, STEP, MULTIPLE, LINKS, LINK, CALL, FUNCTION, REFERENCES, COUNT, BUFFER, SLOT = (
     np.uint64(column) for column in range(PROGRAM_COLUMNS)
 )
 """Columns of ``program``. A row does, in this order, what it has: fmi2DoStep at address ``STEP`` over ``MULTIPLE``
 steps; ``LINKS`` connections, from number ``LINK`` on, into the slots from ``SLOT`` on; and ``CALL``, which is the call
 of ``FUNCTION`` on ``COUNT`` variables, or one of the other acts below."""
+
 
 FUNCTIONS = (
     "fmi2SetReal",
@@ -46,17 +50,26 @@ FUNCTIONS = (
     "fmi2GetBoolean",
     "fmi2DoStep",
 )
+
+
 SET_REAL, SET_INTEGER, SET_BOOLEAN, GET_REAL, GET_INTEGER, GET_BOOLEAN, DO_STEP = range(7)
+
 
 GUARD, TO_INTEGER, TO_BOOLEAN, FROM_INTEGER = range(7, 11)
 """``GUARD`` leaves out the next ``COUNT`` rows unless the number of the point is a multiple of ``MULTIPLE``. The others
 convert ``COUNT`` slots between ``values`` and ``integers``."""
 
+
 POINT, ROWS, WARNINGS, FAILED_COMPONENT, FAILED_FUNCTION, FAILED_STATUS = range(6)
 """Elements of ``state``, which tells Python where the loop is."""
+
+
 STATE_LENGTH = 6
 
+
 Unsigned = NDArray[np.uint64]
+
+
 Reals = NDArray[np.float64]
 
 
@@ -120,6 +133,8 @@ class _MachineCode:
 
 
 _LOCK = threading.Lock()
+
+
 _loaded: list[_MachineCode] = []
 
 
@@ -132,7 +147,7 @@ def _machine_code() -> _MachineCode:
 
 def _compile(machine: Any, key: str) -> tuple[str, bytes]:
     """Name and object code of the kernel; kept under ``key`` where a folder can be written."""
-    name, text = import_module("cosim.kernel").compiled()
+    name, text = import_module("cosim.master.kernel").compiled()
     code = bytes(machine.emit_object(llvm.parse_assembly(text)))
     content = f"{name}\n".encode() + code
     for folder in _folders():

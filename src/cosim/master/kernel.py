@@ -38,7 +38,11 @@ from .loop import (
 )
 
 numba: Any = _numba
+
+
 intrinsic: Any = _intrinsic
+
+
 ir: Any = import_module("llvmlite.ir")
 
 

@@ -24,23 +24,40 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element, SubElement, register_namespace
 
-from .errors import DescriptionError
-from .xmlfile import document, parse
+from ..errors import DescriptionError
+from ..fmu.xml import document, parse
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
+
+
 MANIFEST = "fmi-ls-manifest.xml"
+
+
 EXPERIMENTS = "experiments.exp"
+
+
 ANNOTATION = "motion-cosim"
+
+
 NAMESPACE = "urn:motion-cosim:references:1"
+
+
 MANIFEST_NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
+
+
 MANIFEST_ATTRIBUTES = {
     "fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
     "fmi-ls-version": "1.0.0-alpha.1",
     "fmi-ls-description": "Layered Standard providing information on related files included in an FMU.",
 }
+
+
 CSV_TYPE, SSV_TYPE, EXPERIMENTS_TYPE = "text/csv", "application/x-ssp-parameter-set", "application/x-ma-hs-experiments"
+
+
 EXPERIMENTS_TYPES = (EXPERIMENTS_TYPE, "application/x-ma-ls-experiments")
 """The second is that of an earlier draft."""
+
 
 _lxml: Any = importlib.import_module("lxml.etree")
 

@@ -11,18 +11,18 @@ from typing import Any
 
 from PIL import Image
 
-from .. import lsref
 from ..errors import DescriptionError
 from ..export.package import Workspace, build
 from ..export.reference import ICON, MEASURED, PICTURE, folder
-from ..fmu import Fmu, Value, read_fmu
-from ..lsref import Experiment, Related, write_csv
+from ..fmu.description import Fmu, Value, read_fmu
+from ..fmu.xml import document
 from ..model import Choice, Component, Plant, declarations
-from ..ssp import parameter_set
-from ..verify import Report, verify
-from ..verify_plot import draw
-from ..xmlfile import document
+from ..reference import fmi_ls_ref as lsref
+from ..system.ssp_write import parameter_set
 from .exact import PLANT_TOLERANCE, Validation, scalar_names, tolerance, trace
+from .fmi_ls_ref import Experiment, Related, write_csv
+from .picture import draw
+from .replay import Report, verify
 
 DIGITS = 11
 """Significant digits of a reference: what they cut off is a small part of any tolerance."""
@@ -109,6 +109,8 @@ _TIMING = (
     "Inputs of a row are set at its time and held until the next; its outputs are those right after the step that ends "
     "then, before new inputs are set."
 )
+
+
 _TIMING_OF_SOURCES = "The outputs of a row are those right after the step that ends at its time."
 
 
