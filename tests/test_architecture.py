@@ -23,9 +23,8 @@ ROOMS: list[tuple[str, list[str]]] = [
     ("src/cosim/model.py", TRAVELLING),
     ("src/cosim/units.py", TRAVELLING),
     ("src/cosim/errors.py", TRAVELLING),
-    ("src/cosim/export/trace.py", [*TRAVELLING, "cosim.export", "casadi"]),
-    ("src/cosim/export/slave.py", [*TRAVELLING, "cosim.export", "pythonfmu", "numpy", "scipy"]),
-    ("src/cosim/export/embed.py", [*TRAVELLING, "cosim.export", "pythonfmu"]),
+    ("src/cosim/export/symbol.py", [*TRAVELLING, "cosim.export", "casadi"]),
+    ("src/cosim/export/python/*", [*TRAVELLING, "cosim.export", "pythonfmu", "numpy", "scipy"]),
     ("src/cosim/export/*", [*TRAVELLING, "cosim.export", "cosim.xmlfile", "fmus"]),
     ("src/cosim/xmlfile.py", ["lxml"]),
     ("src/cosim/fmu.py", ["cosim.errors", "fmpy.model_description"]),
@@ -46,7 +45,7 @@ ROOMS: list[tuple[str, list[str]]] = [
     ("src/cosim/verify_plot.py", ["cosim.errors", "cosim.plots", "cosim.verify", "numpy", "matplotlib"]),
     ("src/cosim/console.py", ["rich"]),
     ("src/cosim/verify_command.py", ["cosim.console", "cosim.errors", "cosim.verify", "cosim.verify_plot", "rich"]),
-    ("src/cosim/validation/exact.py", [*TRAVELLING, "cosim.export.layout", "cosim.lsref", "numpy", "scipy"]),
+    ("src/cosim/validation/exact.py", [*TRAVELLING, "cosim.export.interface", "cosim.lsref", "numpy", "scipy"]),
     ("src/cosim/validation/make.py", ["cosim", "PIL"]),
     ("src/cosim/cli.py", ["cosim", "rich"]),
 ]
@@ -118,7 +117,7 @@ def test_every_room_of_the_table_is_inhabited_or_planned() -> None:
 
 def test_the_reader_sees_what_a_file_imports() -> None:
     assert imports("src/cosim/master.py") >= {"cosim.loop", "cosim.errors", "numpy", "fmpy.fmi2", "ctypes"}
-    assert "casadi" in imports("src/cosim/export/trace.py")
+    assert "casadi" in imports("src/cosim/export/symbol.py")
 
 
 def test_importing_the_package_loads_nothing_heavy() -> None:

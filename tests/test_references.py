@@ -16,8 +16,8 @@ from PIL import Image
 
 from cosim import lsref
 from cosim.errors import DescriptionError
-from cosim.export.package import Workspace
-from cosim.export.reference import GUIDE, ICON, MEASURED, PICTURE, asset_files, assets, folder, measured
+from cosim.export.assets import GUIDE, ICON, MEASURED, PICTURE, asset_files, assets, folder, measured
+from cosim.export.workspace import Workspace
 from cosim.model import Choice, Plant, Record, Source, declarations, variable
 from cosim.ssp import validate
 from cosim.validation.exact import Validation, scalar_names, tolerance, trace

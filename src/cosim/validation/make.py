@@ -13,8 +13,9 @@ from PIL import Image
 
 from .. import lsref
 from ..errors import DescriptionError
-from ..export.package import Workspace, build
-from ..export.reference import ICON, MEASURED, PICTURE, folder
+from ..export.assets import ICON, MEASURED, PICTURE, folder
+from ..export.package import build
+from ..export.workspace import Workspace
 from ..fmu import Fmu, Value, read_fmu
 from ..lsref import Experiment, Related, write_csv
 from ..model import Choice, Component, Plant, declarations
