@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim import metrics, plots
-from cosim.results import Result
+from cosim.result import metrics, plots
+from cosim.result.result import Result
 from cosim.study import Numbers, Outcomes, Picture, Rule, Run, Value, measures, read_study
 from cosim.study.pictures import ERROR, Signals, over_time
 

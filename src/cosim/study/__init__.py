@@ -5,6 +5,7 @@ A study is a folder ``studies/NAME`` with system files, a file of claims and a `
 ``cosim study NAME`` runs it and writes the report.
 """
 
+from ..result.summary import tracking
 from .claims import read_claims, read_study
 from .rules import Numbers, Rule, at_least, at_most, between, both, falling, near
 from .run import find_study, known_studies, load_study, matching_runs, measure_run, run_one, run_study, run_system
@@ -26,7 +27,6 @@ from .study import (
     Verdict,
     judge,
 )
-from .tracking import tracking
 
 __all__ = [
     "COPY",

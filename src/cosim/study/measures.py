@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from .. import metrics
-from ..metrics import Array
-from ..results import Result
+from ..result import metrics
+from ..result.metrics import Array
+from ..result.result import Result
 
 Window = tuple[float, float]
 RunMeasure = Callable[[Result, Window], dict[str, float]]

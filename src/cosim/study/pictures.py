@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import metrics, plots
+from ..result import metrics, plots
 from . import expression
 from .study import Outcomes, Picture
 

@@ -12,12 +12,13 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from ..errors import CosimError, DescriptionError, SimulationError, suggest
-from ..master import simulate
-from ..results import Result
-from ..system import System, read_system, study_folders
+from ..fmu.places import study_folders
+from ..master.simulation import simulate
+from ..result.result import Result
+from ..result.summary import tracking
+from ..system.system import System, read_system
 from .rules import Numbers
 from .study import NONE, Outcome, Outcomes, Run, Study
-from .tracking import tracking
 
 
 def known_studies() -> dict[str, Path]:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import CosimError, DescriptionError
-from ..results import Result
+from ..result.result import Result
 from .rules import Numbers, Rule
 
 Kind = Literal["paper", "check", "finding"]
