@@ -153,7 +153,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _study(options: argparse.Namespace) -> int:
-    from ...cosim import study
+    from . import study
 
     return study.main(options.name, options.output, runs=options.runs, jobs=options.jobs, fmus=options.fmus)
 

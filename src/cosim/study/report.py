@@ -105,11 +105,17 @@ def _cells(claim: Claim, verdict: Verdict) -> list[dict[str, str]]:
                 "label": label,
                 "published": number(published[label]) if label in published else "",
                 "measured": number(verdict.measured[label]) if label in verdict.measured else "",
-                "spread": f"{number(spread[0])} … {number(spread[1])}" if spread else "",
+                "spread": _spread(*spread) if spread else "",
                 "unit": "" if unit == "1" else unit,
             }
         )
     return cells
+
+
+def _spread(low: float, high: float) -> str:
+    """Both ends, or one figure if they do not differ in it."""
+    ends = dict.fromkeys((number(low), number(high)))
+    return " … ".join(ends)
 
 
 def _rules(claim: Claim) -> list[dict[str, str]]:
@@ -127,7 +133,7 @@ def _rules(claim: Claim) -> list[dict[str, str]]:
 
 def _measured_line(claim: Claim, numbers: Numbers, spread: Mapping[str, tuple[float, float]]) -> str:
     line = values(numbers, claim) if numbers else ""
-    parts = [f"{label} {number(low)} … {number(high)}".strip() for label, (low, high) in spread.items()]
+    parts = [f"{label} {_spread(low, high)}".strip() for label, (low, high) in spread.items()]
     return f"{line} (spread {', '.join(parts)})" if parts else line
 
 

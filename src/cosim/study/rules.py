@@ -39,9 +39,9 @@ def near(*, rel: float = 0.0, abs: float = 0.0) -> Rule:
             math.isclose(measured[k], published[k], rel_tol=0.0, abs_tol=tolerance(published[k])) for k in published
         )
 
-    parts = [f"{100.0 * rel:g} %"] if rel else []
-    parts += [f"{abs:g}{{unit}}"] if abs else []
-    return Rule("within " + " or ".join(parts) if parts else "equal", holds, tolerance=tolerance)
+    parts = [f"within {100.0 * rel:g} % of it"] if rel else []
+    parts += [f"within ±{abs:g}{{unit}}"] if abs else []
+    return Rule(" or ".join(parts) or "equal", holds, tolerance=tolerance)
 
 
 def within_effect(share: float, without: Numbers) -> Rule:

@@ -71,6 +71,10 @@ class Run:
     """Rows kept for claims and pictures once the figures are measured: every so many."""
     scaled: Mapping[str, float] = field(default_factory=lambda: NONE)
     """Start values multiplied: ``instance.variable`` -> factor on the value of system file and ``overrides``."""
+    machines: int = 0
+    """How many machines are drawn from ``box`` and run beside the one of the file: see ``run.run_machines``."""
+    box: Mapping[str, tuple[float, float]] = field(default_factory=lambda: NONE)
+    """Range of the factor on each start value that differs between machines."""
 
 
 @dataclass(frozen=True)
