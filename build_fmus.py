@@ -16,6 +16,7 @@ from rich.table import Table
 
 from cosim.errors import CosimError
 from cosim.export.embed import BINARIES
+from cosim.export.loop_library import compile_loop
 from cosim.export.package import TARGETS, Flavour, Workspace, host_platform
 
 ROOT = Path(__file__).resolve().parent
@@ -115,6 +116,7 @@ def main() -> int:
         if arguments.references:
             return 1 if _references(names, console) else 0
         platforms = {flavour: _platforms(arguments.platform, flavour) for flavour in flavours}
+        compile_loop(_platforms(arguments.platform, "native"), ROOT / "src" / "cosim", WORKSPACE.cache)
     except CosimError as error:
         console.print(str(error), style="red", markup=False)
         return 2

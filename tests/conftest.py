@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cosim.export.loop_library import compile_loop
 from cosim.export.package import Flavour, Workspace, host_platform
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -20,6 +21,12 @@ def built(flavour: Flavour) -> Path:
     problems = [f"{name}: {error}" for name, _, error in WORKSPACE.build(stale, folder, platforms, flavour) if error]
     assert not problems, "\n".join(problems)
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_loop() -> None:
+    """The inner loop of the master, current."""
+    compile_loop([host_platform()], ROOT / "src" / "cosim", WORKSPACE.cache)
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .errors import CosimError, DescriptionError, SimulationError, TraceError
-    from .master import CallError, Interrupted, Simulation, simulate
+    from .master import CallError, Interrupted, RunError, SignalError, Simulation, simulate
     from .results import Result
     from .system import System, make_system, read_system
 
@@ -24,6 +24,8 @@ __all__ = [
     "DescriptionError",
     "Interrupted",
     "Result",
+    "RunError",
+    "SignalError",
     "Simulation",
     "SimulationError",
     "System",
@@ -35,7 +37,7 @@ __all__ = [
 
 _HOMES = {
     "errors": ("CosimError", "DescriptionError", "SimulationError", "TraceError"),
-    "master": ("CallError", "Interrupted", "Simulation", "simulate"),
+    "master": ("CallError", "Interrupted", "RunError", "SignalError", "Simulation", "simulate"),
     "results": ("Result",),
     "system": ("System", "make_system", "read_system"),
 }

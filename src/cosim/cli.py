@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from .fmu import Fmu, Variable
-    from .master import CallError
+    from .master import RunError
     from .metrics import Row
     from .results import Result
     from .system import System
@@ -99,6 +99,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
     run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
     run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
+    run.add_argument(
+        "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
+    )
     run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
     run.set_defaults(command=_run)
 
@@ -289,15 +292,15 @@ def _run(options: argparse.Namespace) -> int:
 
         check_output(options.output)
     system = _system(options)
-    from .master import CallError, Interrupted, simulate
+    from .master import Interrupted, RunError, simulate
 
     if not options.json:
         for note in system.notes:
             remark(f"note: {note}")
     try:
         with _Bar(system) as bar:
-            result = simulate(system, progress=bar.update, debug=options.debug)
-    except CallError as error:
+            result = simulate(system, progress=bar.update, debug=options.debug, keep_going=options.keep_going)
+    except RunError as error:
         _failed(error, options)
         return 1
     except Interrupted as interruption:
@@ -308,7 +311,7 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _failed(error: CallError, options: argparse.Namespace) -> None:
+def _failed(error: RunError, options: argparse.Namespace) -> None:
     if error.result is not None:
         _show_messages(error.result, but=error.message)
     complain(str(error))

@@ -49,7 +49,7 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from . import loop
+from . import loop, loop_plain
 from .errors import DescriptionError, SimulationError, suggest
 from .fmu import Fmu, Value, Variable
 from .results import Column, Message, Result
@@ -74,7 +74,17 @@ KINDS = {"Real": 0, "Integer": 1, "Enumeration": 1, "Boolean": 2}
 """Which of the loop's set and get calls serves a type."""
 
 
-class CallError(SimulationError):
+class RunError(SimulationError):
+    """Something ended a run early; ``result`` holds what was computed."""
+
+    def __init__(self, text: str, *, time: float, message: str = "") -> None:
+        self.time = time
+        self.message = message
+        self.result: Result | None = None
+        super().__init__(text)
+
+
+class CallError(RunError):
     """An FMI call failed: who, which function, when, which status, and the last message of the FMU."""
 
     def __init__(
@@ -82,12 +92,24 @@ class CallError(SimulationError):
     ) -> None:
         self.instance = instance
         self.function = function
-        self.time = time
         self.status = status
-        self.message = message
-        self.result: Result | None = None
         said = f" The FMU said: {message}" if message else " The FMU gave no message."
-        super().__init__(f"{instance}: {function} at {time:.9g} s returned fmi2{status}.{said}{remedy}")
+        text = f"{instance}: {function} at {time:.9g} s returned fmi2{status}.{said}{remedy}"
+        super().__init__(text, time=time, message=message)
+
+
+class SignalError(RunError):
+    """A connection carries a value that its input cannot take: not finite, or beyond the input's type."""
+
+    def __init__(self, connection: Connection, value: float, *, time: float, why: str) -> None:
+        self.connection = connection
+        self.value = value
+        source, target = ".".join(connection.source), ".".join(connection.target)
+        super().__init__(
+            f"{source} gives {target} the value {value:.9g} at {time:.9g} s: {why}. To go on with such values: "
+            "--keep-going, or keep_going=True.",
+            time=time,
+        )
 
 
 class Interrupted(KeyboardInterrupt):
@@ -106,14 +128,16 @@ def simulate(
     order: str | list[str] | None = None,
     progress: Progress | None = None,
     debug: bool = False,
+    keep_going: bool = False,
 ) -> Result:
     """Run ``system`` once. ``debug`` lets the FMUs log everything, not only what went wrong.
 
-    Raises DescriptionError, CallError (with ``result``), or Interrupted (with ``result``) on Ctrl-C.
+    Values on connections that are not finite, or beyond the type of their input, end the run unless ``keep_going``.
+    Raises DescriptionError, CallError or SignalError (with ``result``), or Interrupted (with ``result``) on Ctrl-C.
     """
     if stop_time is not None or step_size is not None or order is not None:
         system = system.changed(stop_time=stop_time, step_size=step_size, order=order)
-    with Simulation(system, debug=debug) as simulation:
+    with Simulation(system, debug=debug, keep_going=keep_going) as simulation:
         return simulation.run(progress=progress)
 
 
@@ -127,9 +151,10 @@ class Simulation:
     A context manager: instances exist between entering and leaving it.
     """
 
-    def __init__(self, system: System, *, debug: bool = False) -> None:
+    def __init__(self, system: System, *, debug: bool = False, keep_going: bool = False) -> None:
         self.system = system
         self.debug = debug
+        self.keep_going = keep_going
         self._slaves: list[_Slave] = []
         self._fresh = True
         self._program: tuple[System, _Program] | None = None
@@ -185,7 +210,7 @@ class Simulation:
             raise
         self._saved += saved
         program = run.program
-        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.integers.copy())
+        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.others.copy())
 
     def resume(
         self,
@@ -204,10 +229,12 @@ class Simulation:
         if end <= checkpoint.point:
             raise DescriptionError(f"stop time {stop_time} s is not after the checkpoint at {checkpoint.time:.9g} s.")
         values = _changes(system, changes or {})
-        run = _Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end)
+        run = _Run(
+            system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end, check=not self.keep_going
+        )
         self.restore(checkpoint)
         run.program.values[:] = checkpoint.values
-        run.program.integers[:] = checkpoint.integers
+        run.program.others[:] = checkpoint.others
         with _watching_for_interrupt() as interrupted:
             return run.go_on(values, progress, interrupted)
 
@@ -257,7 +284,7 @@ class Simulation:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
             raise DescriptionError(f"{system.name}: not the instances of {self.system.name}. Make a new Simulation.")
-        run = _Run(system, self._slaves, self._prepared(system))
+        run = _Run(system, self._slaves, self._prepared(system), check=not self.keep_going)
         if not self._fresh:
             for slave in self._slaves:
                 slave.call("fmi2Reset")
@@ -270,7 +297,7 @@ class Simulation:
             self._program = system, _program(system, self._slaves)
         program = self._program[1]
         program.values[:] = 0.0
-        program.integers[:] = 0
+        program.others[:] = 0
         return program
 
     @staticmethod
@@ -285,9 +312,9 @@ class Simulation:
             if digest not in folders:
                 folder = Path(self._resources.enter_context(_temporary_folder()))
                 folders[digest] = folder, instance.fmu.extract(folder)
-            slave = _Slave(instance, *folders[digest], debug=self.debug)
+            slave = _Slave(number, instance, *folders[digest], debug=self.debug)
             self._slaves.append(slave)
-            slave.load(number)
+            slave.load()
 
 
 @dataclass(frozen=True)
@@ -301,7 +328,7 @@ class Checkpoint:
     point: int
     saved: Sequence[tuple[_Slave, Any]]
     values: NDArray[np.float64]
-    integers: NDArray[np.int32]
+    others: NDArray[np.uint64]
 
 
 def _point(system: System, time: float, *, least: int = 1) -> int:
@@ -407,7 +434,8 @@ _LOADING = threading.Lock()
 class _Slave:
     """An instance on FMPy's FMU2Slave: its calls checked, its messages kept."""
 
-    def __init__(self, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
+    def __init__(self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
+        self.number = number
         self.name = instance.name
         self.fmu: Fmu = instance.fmu
         self.log = _Log(instance.name)
@@ -417,7 +445,7 @@ class _Slave:
         self._debug = debug
         self._slave: Any = None
 
-    def load(self, number: int) -> None:
+    def load(self) -> None:
         """Load the library and create the instance. Raises SimulationError."""
         with _LOADING:
             place = os.getcwd()
@@ -521,25 +549,22 @@ def _references(variables: list[Variable]) -> Any:
     return (ctypes.c_uint * len(variables))(*(variable.reference for variable in variables))
 
 
-Row = dict[np.uint64, int]
-"""A row of the loop's program: column -> number, 0 where nothing is said."""
-
-
 @dataclass
 class _Program:
     """What the compiled loop executes for one system, in arrays."""
 
-    point: list[Row]
-    step: list[Row]
-    initial: list[Row]
+    point: list[loop.Row]
+    step: list[loop.Row]
+    initial: list[loop.Row]
     """Rows for a communication point, from one to the next, and for a pass of initialization."""
-    outputs: list[Row]
+    outputs: list[loop.Row]
     """Rows that read all outputs needed."""
-    sources: NDArray[np.uint64]
-    factors: NDArray[np.float64]
-    offsets: NDArray[np.float64]
+    slots: Mapping[tuple[str, str], int]
+    connections: list[Connection]
+    """In the order of ``links``."""
+    links: NDArray[np.void]
     values: NDArray[np.float64]
-    integers: NDArray[np.int32]
+    others: NDArray[np.uint64]
     recorded: NDArray[np.uint64]
     references: list[NDArray[np.uint32]]
     """Held because the rows know them by address only."""
@@ -565,22 +590,30 @@ class _Signals:
                 for name in [*(c.target[1] for c in inputs), *(v.name for v in outputs)]:
                     self.slots[instance.name, name] = len(self.slots)
         self.values = np.zeros(max(len(self.slots), 1))
-        self.integers = np.zeros(self.values.size, dtype=np.int32)
+        self.others = np.zeros(self.values.size, dtype=np.uint64)
+        """Buffers for values of other types than double, those of a call side by side from its first slot on."""
         self.references: list[NDArray[np.uint32]] = []
 
-    def call(self, slave: _Slave, call: int, variables: Sequence[Variable]) -> Row:
-        """A call of one FMI function on variables whose slots lie side by side."""
+    def call(self, slave: _Slave, kind: int, variables: Sequence[Variable], *, into: bool) -> loop.Row:
+        """A call that sets (``into``) or reads variables whose slots lie side by side."""
+        name, number = list(loop.FMI2_TYPES.items())[kind]
+        function = f"fmi2{'Set' if into else 'Get'}{name}"
         self.references.append(np.array([variable.reference for variable in variables], dtype=np.uint32))
         slot = self.slots[slave.name, variables[0].name]
-        buffer = self.values if call in (loop.SET_REAL, loop.GET_REAL) else self.integers
+        buffer = self.values if number == loop.FLOAT64 else self.others
         return {
+            loop.FMI: 2,
             loop.COMPONENT: slave.component,
-            loop.CALL: call,
-            loop.FUNCTION: slave.address(loop.FUNCTIONS[call]),
+            loop.ACT: loop.EXCHANGE,
+            loop.FUNCTION: slave.address(function),
+            loop.CALL: loop.call_number(slave.number, function),
             loop.REFERENCES: self.references[-1].ctypes.data,
+            loop.REFERENCE_COUNT: len(variables),
             loop.COUNT: len(variables),
             loop.BUFFER: buffer.ctypes.data + slot * buffer.itemsize,
             loop.SLOT: slot,
+            loop.TYPE: number,
+            loop.SET: int(into),
         }
 
 
@@ -588,33 +621,28 @@ def _program(system: System, slaves: list[_Slave]) -> _Program:
     """Resolve names to slots, value references and addresses, once."""
     signals = _Signals(system)
     links: list[Connection] = []
-    sets: dict[str, list[Row]] = {}
-    gets: dict[str, list[Row]] = {}
-    step: list[Row] = []
+    sets: dict[str, list[loop.Row]] = {}
+    gets: dict[str, list[loop.Row]] = {}
+    step: list[loop.Row] = []
     for instance, slave in zip(system.instances, slaves, strict=True):
         variables, name, multiple = instance.fmu.variables, instance.name, instance.step_multiple
         into, out = sets.setdefault(name, []), gets.setdefault(name, [])
         for kind in range(3):
             connections, outputs = signals.inputs[name, kind], signals.outputs[name, kind]
             if connections:
-                row = signals.call(slave, loop.SET_REAL + kind, [variables[c.target[1]] for c in connections])
-                joined = {loop.LINKS: len(connections), loop.LINK: len(links)}
-                if kind == 0:
-                    into.append({**row, **joined})
-                else:
-                    convert = loop.TO_INTEGER if kind == 1 else loop.TO_BOOLEAN
-                    into += [{**joined, **_conversion(row, convert)}, row]
+                row = signals.call(slave, kind, [variables[c.target[1]] for c in connections], into=True)
+                into.append({**row, loop.LINKS: len(connections), loop.LINK: len(links)})
                 links += connections
             if outputs:
-                row = signals.call(slave, loop.GET_REAL + kind, outputs)
-                out += [row] if kind == 0 else [row, _conversion(row, loop.FROM_INTEGER)]
-        first, *others = out or [{loop.COMPONENT: slave.component, loop.CALL: loop.FROM_INTEGER}]
-        stepping = {loop.STEP: slave.address("fmi2DoStep"), loop.MULTIPLE: multiple}
+                out.append(signals.call(slave, kind, outputs, into=False))
+        first, *others = out or [{loop.FMI: 2, loop.COMPONENT: slave.component}]
+        called = loop.call_number(slave.number, "fmi2DoStep")
+        stepping = {loop.STEP: slave.address("fmi2DoStep"), loop.STEP_CALL: called, loop.MULTIPLE: multiple}
         step += _guarded([{**first, **stepping}, *others], multiple)
 
     fed = {connection.target for connection in system.connections}
-    point: list[Row] = []
-    initial: list[Row] = []
+    point: list[loop.Row] = []
+    initial: list[loop.Row] = []
     for name in system.visits:
         instance = system.instance(name)
         read = [variable.name for kind in range(3) for variable in signals.outputs[name, kind]]
@@ -627,37 +655,43 @@ def _program(system: System, slaves: list[_Slave]) -> _Program:
         step=step,
         initial=initial,
         outputs=[row for rows in gets.values() for row in rows],
-        sources=np.array([signals.slots[c.source] for c in links], dtype=np.uint64),
-        factors=np.array([c.factor for c in links], dtype=np.float64),
-        offsets=np.array([c.offset for c in links], dtype=np.float64),
+        slots=signals.slots,
+        connections=links,
+        links=np.array(
+            [(signals.slots[c.source], signals.slots[c.target], c.factor, c.offset) for c in links], loop.LINK_TYPE
+        ),
         values=signals.values,
-        integers=signals.integers,
+        others=signals.others,
         recorded=np.array([signals.slots[end] for end in system.record], dtype=np.uint64),
         references=signals.references,
     )
 
 
-def _conversion(row: Row, act: int) -> Row:
-    """Between doubles and integers, for the slots of the call in ``row``."""
-    return {loop.CALL: act, loop.COUNT: row[loop.COUNT], loop.SLOT: row[loop.SLOT]}
-
-
-def _guarded(rows: list[Row], multiple: int) -> list[Row]:
+def _guarded(rows: list[loop.Row], multiple: int) -> list[loop.Row]:
     """Rows that hold only at every ``multiple``-th communication point."""
     if multiple == 1 or not rows:
         return rows
-    return [{loop.CALL: loop.GUARD, loop.MULTIPLE: multiple, loop.COUNT: len(rows)}, *rows]
+    return [{loop.ACT: loop.GUARD, loop.MULTIPLE: multiple, loop.COUNT: len(rows)}, *rows]
 
 
 class _Run:
     """One run of a system on loaded instances."""
 
     def __init__(
-        self, system: System, slaves: list[_Slave], program: _Program, *, begin: int = 0, end: int | None = None
+        self,
+        system: System,
+        slaves: list[_Slave],
+        program: _Program,
+        *,
+        begin: int = 0,
+        end: int | None = None,
+        check: bool = True,
     ) -> None:
         self.system = system
         self.slaves = slaves
         self.program = program
+        self.check = check
+        """Whether values on connections must be finite and fit their inputs."""
         self.last = system.steps if end is None else end
         """The communication point that ends the run."""
         self.clock = np.array([float(system.start_time), float(system.step_size)])
@@ -689,7 +723,7 @@ class _Run:
             if end is None:
                 for slave in self.slaves:
                     slave.call("fmi2Terminate")
-        except CallError as error:
+        except RunError as error:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped or end is not None)
@@ -707,7 +741,7 @@ class _Run:
                 self.slaves[number].set(variable, value)
             stopped = self.step(progress, interrupted)
             solver = self.counters()
-        except CallError as error:
+        except RunError as error:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped)
@@ -756,10 +790,10 @@ class _Run:
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
 
-    def once(self, rows: list[Row]) -> None:
-        """Do some rows at the start of the run, recording nothing."""
+    def once(self, rows: list[loop.Row]) -> None:
+        """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
-        self.loop(_array(rows), len(rows), unrecorded, end=0, last=0)
+        self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)
         self.state[loop.ROWS] = 0
 
     def loop(
@@ -770,32 +804,46 @@ class _Run:
         *,
         end: int,
         last: int,
+        check: bool,
     ) -> None:
-        """Let the compiled loop go on to ``end``; ``record`` is slots, rows and decimation. Raises CallError."""
+        """Let the loop go on to ``end``; ``record`` is slots, rows and decimation. Raises RunError."""
         p = self.program
-        signals = p.sources, p.factors, p.offsets, p.values, p.integers
         slots, rows, decimation = record
-        if not loop.advance(
-            program, split, *signals, slots, rows, self.clock, self.state, end=end, last=last, decimation=decimation
-        ):
-            failed = int(self.state[loop.FAILED_COMPONENT])
-            slave = next(slave for slave in self.slaves if slave.component == failed)
-            function = loop.FUNCTIONS[int(self.state[loop.FAILED_FUNCTION])]
-            raise slave.failed(function, int(self.state[loop.FAILED_STATUS]))
+        arrays = program, split, p.links, p.values, slots, rows, self.clock, self.state
+        advance = loop.compiled() or loop_plain.advance
+        if not advance(*arrays, end=end, last=last, decimation=decimation, check=check):
+            raise self.stopped()
+
+    def stopped(self) -> RunError:
+        """Why the loop has stopped."""
+        reason, state = int(self.state[loop.REASON]), self.state
+        program = self.program
+        if reason == loop.NOT_FINITE:
+            number = int(state[loop.FAILED_LINK])
+            source, _, factor, offset = program.links[number].tolist()
+            value = factor * float(program.values[source]) + offset
+            return SignalError(program.connections[number], value, time=self.time(), why="not finite")
+        if reason == loop.OUT_OF_RANGE:
+            slot = int(state[loop.FAILED_SLOT])
+            connection = next(c for c in program.connections if program.slots[c.target] == slot)
+            why = f"more than an {self.system.variable(*connection.target).type} can be"
+            return SignalError(connection, float(program.values[slot]), time=self.time(), why=why)
+        number, function = loop.call_of(state) or (0, "")
+        return self.slaves[number].failed(function, int(state[loop.STATUS]))
 
     def step(self, progress: Progress | None, interrupted: Callable[[], bool], pause: int | None = None) -> bool:
         """Run all steps, or those before point ``pause``, in chunks of about ``CHUNK_SECONDS``; True if interrupted."""
         chunk = 64
         stop = self.last if pause is None else pause
         last = stop if pause is None else stop + 1
-        program = _array(self.program.point + self.program.step)
+        program = loop.array(self.program.point + self.program.step)
         split = len(self.program.point)
         record = self.program.recorded, self.rows, self.system.decimation
         while True:
             end = min(int(self.state[loop.POINT]) + chunk, stop)
             begun = clock_time.perf_counter()
             try:
-                self.loop(program, split, record, end=end, last=last)
+                self.loop(program, split, record, end=end, last=last, check=self.check)
             finally:
                 spent = clock_time.perf_counter() - begun
                 self.stepping_seconds += spent
@@ -846,14 +894,6 @@ class _Run:
                 "stepping_seconds": self.stepping_seconds,
             },
         )
-
-
-def _array(rows: list[Row]) -> NDArray[np.uint64]:
-    program = np.zeros((len(rows), loop.PROGRAM_COLUMNS), dtype=np.uint64)
-    for number, row in enumerate(rows):
-        for column, value in row.items():
-            program[number, column] = value
-    return program.reshape(-1)
 
 
 def _column(name: str, variable: Variable) -> Column:

@@ -32,7 +32,7 @@ Flavour = Literal["native", "python", "fmi3"]
 NATIVE = Path(__file__).with_name("native")
 RUNTIME = ("core.c", "integrator.c", "integrator.h")
 SOURCES = ("model.c",)
-LIBRARIES = {"model.c": "-lm", "proxy.c": "-ldl"}
+LIBRARIES = {"loop.c": "-lm", "model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (
     "-std=c99",
     "-O2",
