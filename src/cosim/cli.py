@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from .system import System
 
 MAX_SHOWN_MESSAGES = 20
-TOOLS = ("control", "distributed", "scipy")
+TOOLS = ("control", "distributed", "pyarrow", "scipy")
 """Packages of the extra ``tools``, which design tools need."""
 
 
