@@ -15,9 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cosim.errors import CosimError
-from cosim.export.embed import BINARIES
-from cosim.export.loop_library import compile_loop
-from cosim.export.package import TARGETS, Flavour, Workspace, host_platform
+from cosim.export.compile import TARGETS, host_platform
+from cosim.export.loop_library import FOLDER, compile_loop
+from cosim.export.python.python_package import BINARIES
+from cosim.export.workspace import Flavour, Workspace
 
 ROOT = Path(__file__).resolve().parent
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
@@ -51,7 +52,7 @@ def _arguments() -> argparse.Namespace:
 
 def _references(names: list[str], console: Console) -> int:
     """Write ``fmus/references``; the number of components whose FMU does not meet its references."""
-    from cosim.validation.make import write
+    from cosim.reference.make import write
     from fmus.references.experiments import EXPERIMENTS
     from fmus.references.icons import drawer
 
@@ -116,7 +117,7 @@ def main() -> int:
         if arguments.references:
             return 1 if _references(names, console) else 0
         platforms = {flavour: _platforms(arguments.platform, flavour) for flavour in flavours}
-        compile_loop(_platforms(arguments.platform, "native"), ROOT / "src" / "cosim", WORKSPACE.cache)
+        compile_loop(_platforms(arguments.platform, "native"), FOLDER, WORKSPACE.cache)
     except CosimError as error:
         console.print(str(error), style="red", markup=False)
         return 2

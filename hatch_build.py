@@ -30,8 +30,9 @@ class PrebuiltFmus(BuildHookInterface):
         sys.path.insert(0, str(root / "src"))
         try:
             # this part of the package needs nothing but Python: hatchling's environment has no tool that builds FMUs
-            from cosim.export.loop_library import SOURCE, library_names
-            from cosim.export.package import TARGETS, Workspace, host_platform
+            from cosim.export.compile import TARGETS, host_platform
+            from cosim.export.loop_library import FOLDER, library_names
+            from cosim.export.workspace import Workspace
         finally:
             del sys.path[0]
         choice = os.environ.get("COSIM_WHEEL", "release")
@@ -46,7 +47,7 @@ class PrebuiltFmus(BuildHookInterface):
             remedy = "make wheel, or python build_fmus.py --platform all --output build/fmus/release"
         workspace = Workspace(root, root / "build" / "cache")
         names = sorted(workspace.components())
-        libraries = [SOURCE.with_name(name) for name in library_names(platforms).values()]
+        libraries = [FOLDER / name for name in library_names(platforms).values()]
         found = problems(workspace, names, folder, platforms)
         found += [f"{library.name}: missing, the loop of the master" for library in libraries if not library.is_file()]
         if found:
@@ -55,7 +56,7 @@ class PrebuiltFmus(BuildHookInterface):
         for name in names:
             build_data["force_include"][str(folder / f"{name}.fmu")] = f"cosim/prebuilt/{name}.fmu"
         for library in libraries:
-            build_data["force_include"][str(library)] = f"cosim/{library.name}"
+            build_data["force_include"][str(library)] = f"cosim/master/{library.name}"
         build_data["force_include"][str(root / "studies")] = "cosim/studies"
 
 

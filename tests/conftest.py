@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cosim.export.loop_library import compile_loop
-from cosim.export.package import Flavour, Workspace, host_platform
+from cosim.export.compile import host_platform
+from cosim.export.loop_library import FOLDER, compile_loop
+from cosim.export.workspace import Flavour, Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
@@ -26,7 +27,7 @@ def built(flavour: Flavour) -> Path:
 @pytest.fixture(scope="session", autouse=True)
 def compiled_loop() -> None:
     """The inner loop of the master, current."""
-    compile_loop([host_platform()], ROOT / "src" / "cosim", WORKSPACE.cache)
+    compile_loop([host_platform()], FOLDER, WORKSPACE.cache)
 
 
 @pytest.fixture(scope="session")

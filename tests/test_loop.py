@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import loop, loop_plain
-from cosim.loop import BOOLEAN8, BOOLEAN32, FLOAT64, INT8, INT32, TYPES, UINT64
+from cosim.master import loop, loop_plain
+from cosim.master.loop import BOOLEAN8, BOOLEAN32, FLOAT64, INT8, INT32, TYPES, UINT64
 
 POINTER, REFERENCES, SIZE, REAL = ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, ctypes.c_double
 FLAG = ctypes.POINTER(ctypes.c_bool)

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, WORKSPACE
 
-from cosim import loop, read_system, simulate
-from cosim.export.loop_library import compile_loop, library_names
-from cosim.export.package import TARGETS, compile_binary, host_platform
+from cosim import read_system, simulate
+from cosim.export.compile import TARGETS, compile_binary, host_platform
+from cosim.export.loop_library import SOURCE, compile_loop, library_names
+from cosim.master import loop
 
 SYSTEMS = ("shams2010/fsmc_5sin", "maeda2008/step", "feng2015/circle_two_mass", "rubio2015/super_twisting_20khz")
 
@@ -30,7 +31,7 @@ def test_both_loops_give_the_same_rows(name: str, native: Path, monkeypatch: pyt
 
 
 def test_both_files_name_the_same_numbers() -> None:
-    text = (ROOT / "src" / "cosim" / "loop.c").read_text(encoding="utf-8")
+    text = SOURCE.read_text(encoding="utf-8")
     lists = [
         [name.strip() for name in found.split(",")] for found in re.findall(r"^enum \{(.*?)\};", text, re.M | re.S)
     ]
@@ -79,10 +80,9 @@ def test_libraries_of_other_versions_are_removed(tmp_path: Path) -> None:
 
 
 def test_same_bytes_without_cache(tmp_path: Path) -> None:
-    source = ROOT / "src" / "cosim" / "loop.c"
     cache = tmp_path / "cache"
     (cache / "zig").parent.mkdir(parents=True)
     # the C library that ziglang builds takes minutes to make; the loop itself is compiled anew
     (cache / "zig").symlink_to(WORKSPACE.cache / "zig", target_is_directory=True)
-    built = compile_binary({source.name: source.read_bytes()}, host_platform(), cache, (source.name,))
+    built = compile_binary({SOURCE.name: SOURCE.read_bytes()}, host_platform(), cache, (SOURCE.name,))
     assert built == loop.library().read_bytes()

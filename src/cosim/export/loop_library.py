@@ -6,9 +6,11 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from .package import TARGETS, compile_binary
+from .compile import TARGETS, compile_binary
 
-SOURCE = Path(__file__).parents[1] / "loop.c"
+FOLDER = Path(__file__).parents[1] / "master"
+"""Where the master looks for its loop."""
+SOURCE = FOLDER / "loop.c"
 
 
 def library_names(platforms: Sequence[str]) -> dict[str, str]:
