@@ -34,7 +34,7 @@ COMMANDS = (
     *(sweep, identify, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""
-TOOLS = ("control", "dask", "distributed", "scipy")
+TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
 """Packages of the extra ``tools``, which design tools need."""
 
 

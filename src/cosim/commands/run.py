@@ -15,7 +15,7 @@ from .console import Bar, make_table, print_error, print_json, print_note, stand
 from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
-    from ..master.instance import CallError
+    from ..master.instance import RunError
     from ..result.result import Result
     from ..result.summary import Row
 
@@ -34,6 +34,9 @@ def add(commands: Any) -> None:
     run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
     run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
     run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
+    run.add_argument(
+        "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
+    )
     run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
     run.set_defaults(command=_run)
 
@@ -46,7 +49,7 @@ def _run(options: argparse.Namespace) -> int:
 
         check_output(options.output)
     system = given_system(options)
-    from ..master.instance import CallError
+    from ..master.instance import RunError
     from ..master.run import Interrupted
     from ..master.simulation import simulate
 
@@ -56,8 +59,13 @@ def _run(options: argparse.Namespace) -> int:
     try:
         with Bar("Seconds") as bar:
             length = float(system.stop_time - system.start_time)
-            result = simulate(system, progress=lambda share: bar.update(share * length, length), debug=options.debug)
-    except CallError as error:
+            result = simulate(
+                system,
+                progress=lambda share: bar.update(share * length, length),
+                debug=options.debug,
+                keep_going=options.keep_going,
+            )
+    except RunError as error:
         _failed(error, options)
         return 1
     except Interrupted as interruption:
@@ -68,7 +76,7 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _failed(error: CallError, options: argparse.Namespace) -> None:
+def _failed(error: RunError, options: argparse.Namespace) -> None:
     if error.result is not None:
         _show_messages(error.result, but=error.message)
     print_error(str(error))
