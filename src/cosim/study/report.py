@@ -13,7 +13,6 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
-from markupsafe import Markup
 
 from .rules import Numbers
 from .study import COPY, STATUSES, Claim, Kind, Missing, Outcome, Outcomes, Status, Study, Verdict
@@ -181,7 +180,7 @@ def _tables(study: Study, verdicts: Sequence[Verdict], markdown: MarkdownIt) -> 
             {
                 "title": group,
                 "anchor": f"table-{slug(group)}",
-                "text": Markup(markdown.render(text)),
+                "text": markdown.render(text),
                 "source_text": text,
                 "heading": {"paper": "Claim", "check": "Figure", "finding": "Finding"}[kind],
                 "given": {"paper": "Published", "check": "Expected", "finding": ""}[kind],
@@ -265,7 +264,7 @@ def _chapters(study: Study, outcomes: Outcomes, markdown: MarkdownIt) -> list[di
             text = write(outcomes)
         except Missing as missing:
             text = f"Not written: {missing}."
-        html = Markup(markdown.render(text))
+        html = markdown.render(text)
         chapters.append({"title": title, "anchor": f"chapter-{slug(title)}", "text": text, "html": html})
     return chapters
 
@@ -316,7 +315,7 @@ def write_report(folder: Path, name: str, study: Study, outcomes: Outcomes, verd
     context = {
         "name": name,
         "study": study,
-        "text": Markup(markdown.render(study.text)),
+        "text": markdown.render(study.text),
         "boxes": boxes,
         "statuses": list(dict.fromkeys(entry["status"] for box in boxes for entry in box["entries"])),
         "tables": _tables(study, verdicts, markdown),
