@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
 
 from cosim.export.package import Flavour, Workspace, host_platform
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # Background jobs of a shell without job control start so, as under nohup. Then no child process of a test could be
+    # interrupted, either.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
