@@ -15,8 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cosim.errors import CosimError
-from cosim.export.embed import BINARIES
-from cosim.export.package import TARGETS, Flavour, Workspace, host_platform
+from cosim.export.compile import TARGETS, host_platform
+from cosim.export.python.python_package import BINARIES
+from cosim.export.workspace import Flavour, Workspace
 
 ROOT = Path(__file__).resolve().parent
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
@@ -50,7 +51,7 @@ def _arguments() -> argparse.Namespace:
 
 def _references(names: list[str], console: Console) -> int:
     """Write ``fmus/references``; the number of components whose FMU does not meet its references."""
-    from cosim.validation.make import write
+    from cosim.reference.make import write
     from fmus.references.experiments import EXPERIMENTS
     from fmus.references.icons import drawer
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.export.package import Flavour, Workspace, host_platform
+from cosim.export.compile import host_platform
+from cosim.export.workspace import Flavour, Workspace
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Background jobs of a shell without job control start so, as under nohup. Then no child process of a test could be

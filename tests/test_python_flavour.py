@@ -19,10 +19,10 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 from instances import DISCARD, ERROR, OK, Instance
 
-from cosim.export.embed import resources
 from cosim.export.package import build_python, write_zip
-from cosim.master import simulate
-from cosim.system import read_system
+from cosim.export.python.python_package import resources
+from cosim.master.simulation import simulate
+from cosim.system.system import read_system
 
 COMPONENTS = sorted(WORKSPACE.components())
 PLANTS = ("BallscrewStage", "CompliantBallscrew", "LinearMotor", "NominalStage")

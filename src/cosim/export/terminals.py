@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element, SubElement
 
+from ..fmu.xml import document
 from ..model import Component, Controller, Plant, Source
-from ..xmlfile import document
-from .layout import variables_of
+from .interface import variables_of
 
 TEXTS = {
     "reference": "Reference motion",

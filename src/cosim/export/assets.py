@@ -1,0 +1,62 @@
+"""What an FMU carries beside its model: reference results, validation picture and icon, made beforehand.
+
+They lie in ``fmus/references/NAME`` of the component's package, written by ``build_fmus.py --references``; a component
+without that folder has none. Building copies them: the bytes of an FMU do not depend on a solver at hand.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..model import Component
+from .interface import Fmi
+
+REFERENCES = "references"
+"""Folder in ``fmus``."""
+EXTRA = "extra/org.fmi-standard.fmi-ls-ref"
+GUIDE = "fmi-ls-ref.txt"
+"""How the references are meant, for every component."""
+PICTURE, ICON, MEASURED = "validation.png", "model.png", "validation.json"
+PLACES = {
+    PICTURE: f"documentation/{PICTURE}",
+    GUIDE: f"documentation/{GUIDE}",
+    MEASURED: None,
+}
+"""Where files go that are no references; None: not into FMUs."""
+ICONS: Mapping[Fmi, str] = {2: ICON, 3: "terminalsAndIcons/icon.png"}
+"""Where FMI 2.0 and 3.0 look for the icon."""
+
+
+def folder(component: Path) -> Path:
+    """The folder of what the component in this file, ``fmus/ROOM/name.py``, carries."""
+    name = "".join(part.capitalize() for part in component.stem.split("_"))
+    return component.resolve().parents[1] / REFERENCES / name
+
+
+def asset_files(component: Path) -> list[Path]:
+    """Everything made for a component and the guide to it, in order; empty if there is nothing."""
+    place = folder(component)
+    if not place.is_dir():
+        return []
+    return [*sorted(path for path in place.iterdir() if path.is_file()), place.parent / GUIDE]
+
+
+def assets(kind: type[Component], fmi: Fmi = 2) -> dict[str, bytes]:
+    """Member of the FMU -> content, for a component."""
+    places = {**PLACES, ICON: ICONS[fmi]}
+    found: dict[str, bytes] = {}
+    for path in asset_files(Path(inspect.getfile(kind))):
+        member = places.get(path.name, f"{EXTRA}/{path.name}")
+        if member is not None:
+            found[member] = path.read_bytes()
+    return found
+
+
+def measured(component: Path) -> Mapping[str, Any] | None:
+    """What the validation gave, None without one."""
+    path = folder(component) / MEASURED
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None

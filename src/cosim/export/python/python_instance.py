@@ -1,0 +1,653 @@
+"""An instance of a Python FMU: what the C runtime is to a native one, with a component's own Python methods.
+
+PythonFMU's library calls the public methods; their names and arguments are its protocol. None of them raises:
+an error becomes a message with a status, and the FMU's binary (``python/proxy.c``) returns that status.
+
+This module and the declaration layer travel inside the FMU, under a package name made from their content.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from typing import Any, ClassVar, NamedTuple, cast
+
+from ...model import Component, Controller, Plant, Record, Source, fill
+from ..interface import Variable, ordered_states, scalars, variables_of
+
+OK, WARNING, DISCARD, ERROR = range(4)
+CATEGORIES = {WARNING: "logStatusWarning", DISCARD: "logStatusDiscard", ERROR: "logStatusError"}
+
+INSTANTIATED, INITIALIZATION, STEP_COMPLETE, STEP_FAILED, TERMINATED, FAILED = (1 << k for k in range(6))
+PHASES = {
+    INSTANTIATED: "instantiated",
+    INITIALIZATION: "initialization mode",
+    STEP_COMPLETE: "step complete",
+    STEP_FAILED: "step failed",
+    TERMINATED: "terminated",
+    FAILED: "error",
+}
+BEFORE = INSTANTIATED | INITIALIZATION
+READABLE = INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | FAILED
+WRITABLE = INSTANTIATED | INITIALIZATION | STEP_COMPLETE
+ANY = INSTANTIATED | READABLE
+
+MAX_STEPS = 10_000_000
+EPSILON = sys.float_info.epsilon
+
+
+class Message(NamedTuple):
+    """A log message as PythonFMU takes it."""
+
+    status: int
+    category: str
+    msg: str
+
+
+class Refusal(Exception):
+    """Ends a call with a status and a message."""
+
+    def __init__(self, status: int, text: str) -> None:
+        self.status, self.text = status, text
+        super().__init__(text)
+
+
+class MissingPackage(Exception):
+    """numpy or scipy cannot be imported; its text is all that is shown."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+@dataclass
+class Memory:
+    """All that an instance remembers: its FMU state. The fields mean what they mean in ``core.c``."""
+
+    v: list[float]
+    next: list[float]
+    start: float = 0.0
+    time: float = 0.0
+    stop: float = math.inf
+    tolerance: float = 0.0
+    sample: int = 0
+    counts: list[int] = field(default_factory=lambda: [0] * 5)
+    phase: int = INSTANTIATED
+    tolerance_set: bool = False
+    parameters_dirty: bool = True
+    outputs_dirty: bool = True
+    derivatives_dirty: bool = True
+    sampled: bool = False
+
+    def copy(self) -> dict[str, Any]:
+        """Plain values that share nothing with this memory."""
+        return asdict(self)
+
+
+class Interface:
+    """Where the variables of a component are in ``Memory.v``."""
+
+    def __init__(self, kind: type[Component]) -> None:
+        self.variables: tuple[Variable, ...] = variables_of(kind)
+        states, self.n_continuous = ordered_states(kind)
+        sizes = [
+            len(scalars(kind)),
+            len(scalars(kind.Input)),
+            len(states),
+            len(scalars(kind.Output)),
+            self.n_continuous,
+        ]
+        starts = [sum(sizes[:i]) for i in range(len(sizes) + 1)]
+        self.parameters, self.inputs, self.states, self.outputs, self.derivatives = (
+            slice(starts[i], starts[i + 1]) for i in range(5)
+        )
+        self.counter_0 = starts[5]
+        declared = [scalar.name for scalar in scalars(kind.State)]
+        ordered = [scalar.name for scalar in states]
+        self.to_record = [ordered.index(name) for name in declared]
+        self.from_record = [declared.index(name) for name in ordered]
+        self.nominals = [scalar.declaration.nominal for scalar in states[: self.n_continuous]]
+        self.references = {variable.name: variable.reference for variable in self.variables}
+
+
+@cache
+def interface(kind: type[Component]) -> Interface:
+    """The interface of a component, made once."""
+    return Interface(kind)
+
+
+def value_of(variable: Variable, number: float) -> Any:
+    """What a component's field holds for the number an FMU holds."""
+    if variable.choice is not None:
+        return next(item for item in variable.choice if item.number == int(number))
+    return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
+
+
+class Instance:
+    """An instance of the component ``kind``; subclassed with PythonFMU's ``Fmi2Slave`` inside the FMU."""
+
+    kind: ClassVar[type[Component]]
+
+    def __init__(self, **arguments: Any) -> None:
+        self.instance_name = str(arguments["instance_name"])
+        self.log_queue: list[Message] = []
+        self.face = interface(self.kind)
+        starts = [variable.start for variable in self.face.variables]
+        self.memory = Memory(v=starts, next=[0.0] * len(starts[self.face.states]))
+        self.made: Any = None
+        if issubclass(self.kind, Plant) and self.face.n_continuous:
+            self.library = scipy_library(self.kind.__name__)
+
+    # What PythonFMU calls
+
+    def _get_log_queue(self) -> list[Message]:
+        return self.log_queue
+
+    def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
+        """fmi2SetupExperiment; None is not defined."""
+        self.guard("fmi2SetupExperiment", INSTANTIATED, lambda say: self.set_up(say, start_time, stop_time, tolerance))
+
+    def enter_initialization_mode(self) -> None:
+        """fmi2EnterInitializationMode."""
+        self.guard("fmi2EnterInitializationMode", INSTANTIATED, self.enter)
+
+    def exit_initialization_mode(self) -> None:
+        """fmi2ExitInitializationMode."""
+        self.guard("fmi2ExitInitializationMode", INITIALIZATION, self.leave)
+
+    def terminate(self) -> None:
+        """fmi2Terminate."""
+
+        def end(function: str) -> None:
+            self.memory.phase = TERMINATED
+
+        self.guard("fmi2Terminate", STEP_COMPLETE | STEP_FAILED, end)
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """fmi2DoStep; False if it is to be discarded or was wrong."""
+        self.guard("fmi2DoStep", STEP_COMPLETE, lambda function: self.advance(function, current_time, step_size))
+        return not self.log_queue
+
+    def get_real(self, vrs: Sequence[int]) -> list[float]:
+        """fmi2GetReal."""
+        return self.get("fmi2GetReal", ("Real",), vrs, float)
+
+    def get_integer(self, vrs: Sequence[int]) -> list[int]:
+        """fmi2GetInteger, enumerations included."""
+        return self.get("fmi2GetInteger", ("Integer", "Enumeration"), vrs, int)
+
+    def get_boolean(self, vrs: Sequence[int]) -> list[bool]:
+        """fmi2GetBoolean."""
+        return self.get("fmi2GetBoolean", ("Boolean",), vrs, bool)
+
+    def get_string(self, vrs: Sequence[int]) -> list[str]:
+        """fmi2GetString: there are no strings."""
+        return self.get("fmi2GetString", (), vrs, str)
+
+    def set_real(self, vrs: Sequence[int], values: Sequence[float]) -> None:
+        """fmi2SetReal."""
+        self.set("fmi2SetReal", ("Real",), vrs, values)
+
+    def set_integer(self, vrs: Sequence[int], values: Sequence[int]) -> None:
+        """fmi2SetInteger, enumerations included."""
+        self.set("fmi2SetInteger", ("Integer", "Enumeration"), vrs, values)
+
+    def set_boolean(self, vrs: Sequence[int], values: Sequence[bool]) -> None:
+        """fmi2SetBoolean."""
+        self.set("fmi2SetBoolean", ("Boolean",), vrs, values)
+
+    def set_string(self, vrs: Sequence[int], values: Sequence[str]) -> None:
+        """fmi2SetString: there are no strings."""
+        self.set("fmi2SetString", (), vrs, [math.nan for _ in values])
+
+    def _get_fmu_state(self) -> dict[str, Any]:
+        return self.memory.copy()
+
+    def _set_fmu_state(self, state: Mapping[str, Any]) -> None:
+        def restore(function: str) -> None:
+            copied: dict[str, Any] = {
+                k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()
+            }
+            memory = Memory(**copied)
+            if len(memory.v) != len(self.memory.v) or len(memory.next) != len(self.memory.next):
+                raise Refusal(ERROR, f"{function}: this is no state of {self.kind.__name__}.")
+            self.memory, self.made = memory, None
+
+        self.guard("fmi2SetFMUstate", ANY, restore)
+
+    @staticmethod
+    def _fmu_state_to_bytes(state: Mapping[str, Any]) -> bytes:
+        return json.dumps(state).encode()
+
+    @staticmethod
+    def _fmu_state_from_bytes(state: bytes) -> dict[str, Any]:
+        try:
+            return json.loads(state)
+        except ValueError:
+            return {}
+
+    # Statuses and messages
+
+    def say(self, status: int, text: str) -> None:
+        """Log a message; the FMI call in progress returns its status."""
+        self.log_queue.append(Message(status, CATEGORIES[status], text))
+
+    def guard(self, function: str, phases: int, call: Callable[[str], None]) -> None:
+        """Run one FMI call where it is legal. Whatever goes wrong becomes a message; an error fails the instance."""
+        memory = self.memory
+        if not memory.phase & phases:
+            self.say(
+                ERROR,
+                f"{function}: not allowed in state '{PHASES[memory.phase]}'. Follow the FMI 2.0 calling sequence, or "
+                "reset the instance.",
+            )
+            memory.phase = FAILED
+            return
+        try:
+            call(function)
+        except Refusal as refusal:
+            self.say(refusal.status, refusal.text)
+            if refusal.status == ERROR:
+                memory.phase = FAILED
+        except BaseException as error:  # also KeyboardInterrupt: nothing may pass into PythonFMU
+            kind = type(error).__name__
+            self.say(ERROR, f"{function}: {self.kind.__name__} failed in Python: {kind}: {error}".rstrip(": "))
+            memory.phase = FAILED
+
+    def checked(self, function: str, reference: int, types: Sequence[str]) -> Variable:
+        """The variable of a value reference, which must have one of the types."""
+        if not 0 <= reference < len(self.face.variables):
+            raise Refusal(
+                ERROR,
+                f"{function}: unknown value reference {reference}. {self.kind.__name__} has 0 to "
+                f"{len(self.face.variables) - 1}.",
+            )
+        variable = self.face.variables[reference]
+        if variable.type not in types:
+            kind = "Integer" if variable.type == "Enumeration" else variable.type
+            raise Refusal(
+                ERROR,
+                f"{function}: {variable.name} (value reference {reference}) is of type {kind}. Use fmi2Get{kind} or "
+                f"fmi2Set{kind}.",
+            )
+        return variable
+
+    # Life cycle
+
+    def set_up(self, function: str, start: float, stop: float | None, tolerance: float | None) -> None:
+        """Keep times and tolerance."""
+        memory = self.memory
+        if not math.isfinite(start) or (stop is not None and not (math.isfinite(stop) and stop > start)):
+            raise Refusal(
+                ERROR,
+                f"{function}: start time {start:g} s, stop time {start if stop is None else stop:g} s: give finite "
+                "times, stop after start.",
+            )
+        if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
+            raise Refusal(ERROR, f"{function}: tolerance {tolerance:g}: give a positive number.")
+        memory.start = memory.time = start
+        memory.stop = math.inf if stop is None else stop
+        memory.tolerance = tolerance or 0.0
+        memory.parameters_dirty = True
+        self.touch()
+
+    def enter(self, function: str) -> None:
+        """Take the importer's tolerance unless the parameter was set."""
+        memory = self.memory
+        memory.phase = INITIALIZATION
+        if issubclass(self.kind, Plant) and memory.tolerance > 0.0 and not memory.tolerance_set:
+            variable = self.face.variables[self.face.references["tolerance"]]
+            memory.v[variable.reference] = min(max(memory.tolerance, variable.min), variable.max)
+            memory.parameters_dirty = True
+
+    def leave(self, function: str) -> None:
+        """Check what parameters must hold together, and the initial state."""
+        memory = self.memory
+        rule = self.broken_rule()
+        if rule:
+            raise Refusal(ERROR, f"{function}: {rule}")
+        self.refresh_parameters()
+        for offset, value in enumerate(memory.v[self.face.states]):
+            if not math.isfinite(value):
+                name = self.face.variables[self.face.states.start + offset].name
+                raise Refusal(ERROR, f"{function}: the initial {name} is not finite. Check the parameters.")
+        self.touch()
+        memory.phase = STEP_COMPLETE
+
+    # Values
+
+    def get(self, function: str, types: Sequence[str], references: Sequence[int], convert: Callable[[Any], Any]) -> Any:
+        """Values by reference; as many as were asked for, whatever happened."""
+        values: list[Any] = []
+
+        def read(function: str) -> None:
+            wanted = [self.checked(function, reference, types) for reference in references]
+            if self.memory.phase & (INITIALIZATION | STEP_COMPLETE | STEP_FAILED):
+                self.refresh(any(variable.role == "derivative" for variable in wanted))
+            for variable in wanted:
+                if variable.role == "counter":
+                    values.append(min(self.memory.counts[variable.reference - self.face.counter_0], 2**31 - 1))
+                else:
+                    values.append(convert(self.memory.v[variable.reference]))
+
+        self.guard(function, READABLE, read)
+        return values if len(values) == len(references) else [convert(0) for _ in references]
+
+    def set(self, function: str, types: Sequence[str], references: Sequence[int], values: Sequence[float]) -> None:
+        """Set values one by one; a refused value is said and the previous one kept."""
+
+        def write(function: str) -> None:
+            wanted = [self.checked(function, reference, types) for reference in references]
+            for variable, value in zip(wanted, values, strict=True):
+                try:
+                    self.set_one(function, variable, float(value))
+                except Refusal as refusal:
+                    if refusal.status == ERROR:
+                        raise
+                    self.say(refusal.status, refusal.text)
+
+        self.guard(function, WRITABLE, write)
+
+    def set_one(self, function: str, variable: Variable, value: float) -> None:
+        """Set one variable or refuse its value."""
+        memory, reference = self.memory, variable.reference
+        previous = memory.v[reference]
+        if variable.role not in ("input", "tunable") and not (variable.role == "fixed" and memory.phase & BEFORE):
+            reason = (
+                "is a fixed parameter. Set it before initialization ends"
+                if variable.role == "fixed"
+                else "is computed by the FMU. Set inputs and parameters only"
+            )
+            raise Refusal(ERROR, f"{function}: {variable.name} {reason}.")
+        kept = f"The previous value {previous:g} is kept."
+        if not math.isfinite(value):
+            raise Refusal(DISCARD, f"{function}: {variable.name} = {value:g} {variable.unit}: must be finite. {kept}")
+        if not variable.min <= value <= variable.max:
+            side, bound = (
+                ("below its minimum", variable.min) if value < variable.min else ("above its maximum", variable.max)
+            )
+            found = f"{variable.name} = {value:.17g} {variable.unit}"
+            raise Refusal(DISCARD, f"{function}: {found}: {side} {bound:.17g} {variable.unit}. {kept}")
+        memory.v[reference] = value
+        self.touch()
+        if variable.role == "input":
+            return
+        memory.parameters_dirty = True
+        if variable.name == "tolerance" and issubclass(self.kind, Plant):
+            memory.tolerance_set = True
+        rule = self.broken_rule() if memory.phase == STEP_COMPLETE else ""
+        if rule:
+            memory.v[reference] = previous
+            raise Refusal(DISCARD, f"{function}: {variable.name} = {value:g} {variable.unit}: {rule} {kept}")
+
+    # Evaluation
+
+    def component(self) -> Any:
+        """The component with the parameters of now, its bounds and rules not checked again."""
+        if self.made is None:
+            values = zip(self.face.variables, self.memory.v[self.face.parameters], strict=False)
+            fields = fill(self.kind, iter([value_of(variable, number) for variable, number in values]))
+            self.made = object.__new__(self.kind)
+            for name, value in fields.items():
+                object.__setattr__(self.made, name, value)
+        return self.made
+
+    def broken_rule(self) -> str:
+        """The text of the first condition between parameters that does not hold, or ``""``."""
+        self.made = None
+        component = self.component()
+        self.made = None
+        return next((rule.text for rule in component.rules() if not rule.condition), "")
+
+    def state(self, values: Sequence[float]) -> Record:
+        """The ``State`` of ordered values."""
+        return self.kind.State(**fill(self.kind.State, (values[i] for i in self.face.to_record)))
+
+    def input(self) -> Record:
+        """The ``Input`` of now."""
+        return self.kind.Input(**fill(self.kind.Input, iter(self.memory.v[self.face.inputs])))
+
+    def states_of(self, call: Callable[[], Any]) -> list[float]:
+        """Ordered values of the ``State`` that ``call`` gives."""
+        flat = numbers(call, len(self.face.from_record))
+        return [flat[i] for i in self.face.from_record]
+
+    def refresh_parameters(self) -> None:
+        """Bring the component and, before the first step, the initial state up to date."""
+        memory = self.memory
+        if not memory.parameters_dirty:
+            return
+        self.made = None
+        component = self.component()
+        if memory.phase & BEFORE:
+            memory.v[self.face.states] = self.states_of(component.initial)
+        memory.parameters_dirty = False
+
+    def refresh(self, derivatives: bool) -> None:
+        """Bring what an importer may read up to date with inputs, parameters and time."""
+        self.refresh_parameters()
+        memory, face, component = self.memory, self.face, self.component()
+        if memory.outputs_dirty:
+            n = face.outputs.stop - face.outputs.start
+            if isinstance(component, Controller):
+                if abs(memory.time - self.sampling_instant()) <= self.same_instant():
+                    self.take_sample()
+            elif isinstance(component, Source):
+                memory.v[face.outputs] = numbers(lambda: component.output(memory.time), n)
+            else:
+                state, inputs = self.state(memory.v[face.states]), self.input()
+                memory.v[face.outputs] = numbers(lambda: component.output(memory.time, state, inputs), n)
+            memory.outputs_dirty = False
+        if derivatives and memory.derivatives_dirty and isinstance(component, Plant):
+            state, inputs = self.state(memory.v[face.states]), self.input()
+            rates = self.states_of(lambda: component.derivative(memory.time, state, inputs))
+            memory.v[face.derivatives] = rates[: face.n_continuous]
+            memory.derivatives_dirty = False
+
+    def touch(self) -> None:
+        """Inputs or parameters changed: what follows from them is to be computed again."""
+        memory = self.memory
+        memory.outputs_dirty = memory.derivatives_dirty = True
+        memory.sampled = False
+
+    # Sampling
+
+    def sampling_time(self) -> float:
+        """``T_s``."""
+        return self.memory.v[self.face.references["T_s"]]
+
+    def sampling_instant(self) -> float:
+        """Time of the coming sample."""
+        return self.memory.start + self.memory.sample * self.sampling_time()
+
+    def same_instant(self) -> float:
+        """Two times are one sampling instant if they differ by rounding only."""
+        T_s = self.sampling_time()
+        return min(1e-6 * T_s + 8.0 * EPSILON * abs(self.memory.time), 0.25 * T_s)
+
+    def take_sample(self) -> None:
+        """Outputs of the coming sample, and the state after it."""
+        memory, face, component = self.memory, self.face, self.component()
+        t, x, u = self.sampling_instant(), self.state(memory.v[face.states]), self.input()
+        found: list[Any] = []
+
+        def output() -> Any:
+            found.append(component.output(t, x, u))
+            return found[0]
+
+        memory.v[face.outputs] = numbers(output, face.outputs.stop - face.outputs.start)
+        if found:
+            memory.next = self.states_of(lambda: component.update(t, x, u, found[0]))
+        else:
+            memory.next = [math.nan] * len(memory.next)
+        memory.sampled, memory.outputs_dirty = True, False
+
+    # Stepping
+
+    def advance(self, function: str, time: float, step: float) -> None:
+        """One communication step."""
+        memory = self.memory
+        if not (math.isfinite(step) and step > 0.0):
+            raise Refusal(ERROR, f"{function}: communication step size {step:g} s. Give a positive, finite one.")
+        if not abs(time - memory.time) <= 1e-6 * step + 8.0 * EPSILON * abs(memory.time):
+            raise Refusal(
+                ERROR,
+                f"{function}: current communication point {time:.17g} s, but the instance is at {memory.time:.17g} s. "
+                "Continue where the last step ended, or set an FMU state.",
+            )
+        end = time + step
+        if end > memory.stop + 1e-6 * step + 8.0 * EPSILON * abs(memory.stop):
+            raise Refusal(
+                ERROR,
+                f"{function}: the step ends at {end:.17g} s, behind the stop time {memory.stop:.17g} s given in "
+                "fmi2SetupExperiment. Set a later stop time or none.",
+            )
+        self.refresh_parameters()
+        memory.time = time
+        if issubclass(self.kind, Controller):
+            self.run_samples(function, end)
+            memory.outputs_dirty = False
+        else:
+            if issubclass(self.kind, Plant):
+                self.integrate(function, end)
+            memory.outputs_dirty = memory.derivatives_dirty = True
+        memory.time = end
+
+    def run_samples(self, function: str, end: float) -> None:
+        """All samples before ``end``."""
+        memory, face = self.memory, self.face
+        while self.sampling_instant() < end - self.same_instant():
+            if not memory.sampled:
+                self.take_sample()
+            names = [v.name for v in (*face.variables[face.outputs], *face.variables[face.states])]
+            for name, value in zip(names, (*memory.v[face.outputs], *memory.next), strict=True):
+                if not math.isfinite(value):
+                    instant = self.sampling_instant()
+                    memory.time, memory.phase = max(memory.time, instant), STEP_FAILED
+                    raise Refusal(
+                        DISCARD,
+                        f"{function}: {name} is not finite at the sample t = {instant:.17g} s. Check inputs and "
+                        "parameters.",
+                    )
+            memory.v[face.states] = memory.next
+            memory.sampled = False
+            memory.sample += 1
+
+    def integrate(self, function: str, end: float) -> None:
+        """Integrate the continuous states to ``end`` with inputs held; discrete ones after each accepted step.
+
+        If a step fails, the states are those at the start of the communication step.
+        """
+        memory, face = self.memory, self.face
+        n, component, inputs = face.n_continuous, self.component(), self.input()
+        states = list(memory.v[face.states])
+
+        def derivative(t: float, x: Any) -> list[float]:
+            record = self.state([*map(float, x), *states[n:]])
+            return self.states_of(lambda: component.derivative(float(t), record, inputs))[:n]
+
+        def update(t: float) -> bool:
+            """Set the discrete states; whether a derivative has changed with them."""
+            record, before, rates = self.state(states), states[n:], derivative(t, states[:n])
+            states[n:] = self.states_of(lambda: component.update(t, record, inputs))[n:]
+            return states[n:] != before and derivative(t, states[:n]) != rates
+
+        if n == 0:
+            memory.counts[0] += 1
+            update(end)
+        else:
+            with self.library.lock, warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # scipy warns of a failure and then reports it
+                self.solve(function, derivative, update if len(states) > n else None, states, end)
+        memory.v[face.states] = states
+
+    def solve(
+        self,
+        function: str,
+        derivative: Callable[[float, Any], list[float]],
+        update: Callable[[float], bool] | None,
+        states: list[float],
+        end: float,
+    ) -> None:
+        """Advance ``states`` to ``end``; the solver starts again where ``update`` has changed a derivative."""
+        memory, n = self.memory, self.face.n_continuous
+        tolerance = memory.v[self.face.references["tolerance"]]
+        atol = [0.01 * tolerance * nominal for nominal in self.face.nominals]
+        time, steps, solver = memory.time, 0, cast(Any, None)
+        while end - time > 8.0 * EPSILON * abs(end):  # LSODA refuses to go less far than times can be told apart
+            if solver is None:
+                solver = self.library.method(derivative, time, states[:n], end, rtol=tolerance, atol=atol)
+            problem = attempt(solver)
+            steps += 1
+            memory.counts[0] += 1
+            states[:n] = map(float, solver.y)
+            if problem is None and not all(map(math.isfinite, states)):
+                problem = "a state is not finite"
+            if problem is None and steps >= MAX_STEPS:
+                problem = "too many steps"
+            if problem is not None:
+                memory.phase = STEP_FAILED
+                rates = derivative(solver.t, states[:n])
+                names = [variable.name for variable in self.face.variables[self.face.states]]
+                wrong = [name for name, rate in zip(names, rates, strict=False) if not math.isfinite(rate)]
+                where = f"derivative of {wrong[0]} not finite" if wrong else "no single state"
+                raise Refusal(
+                    DISCARD,
+                    f"{function}: integration stopped at t = {solver.t:.17g} s, {where} ({problem}). Check inputs and "
+                    "parameters, or enlarge the tolerance.",
+                )
+            time = end if solver.status == "finished" else float(solver.t)
+            again = update is not None and update(time)
+            if again or time >= end:
+                self.count(solver)
+                solver = None
+
+    def count(self, solver: Any) -> None:
+        """Add a solver's counters; scipy does not tell rejected steps."""
+        for place, number in ((2, solver.nfev), (3, solver.njev), (4, solver.nlu)):
+            self.memory.counts[place] += int(number)
+
+
+def numbers(call: Callable[[], Any], n: int) -> list[float]:
+    """The values of the record that ``call`` gives; not-a-numbers where Python refuses to compute them."""
+    try:
+        return [value if isinstance(value, float) else float(value) for value in cast(Iterable[Any], call())]
+    except (ArithmeticError, ValueError):
+        return [math.nan] * n
+
+
+def attempt(solver: Any) -> str | None:
+    """One accepted step of a solver; what went wrong if it has none."""
+    try:
+        return solver.step()
+    except (ArithmeticError, ValueError):
+        return "a derivative is not finite"
+
+
+class Library(NamedTuple):
+    """What is needed of scipy."""
+
+    method: Any
+    lock: Any
+    """Older versions keep the state of LSODA in one place of the process: one integration at a time."""
+
+
+def scipy_library(name: str) -> Library:
+    """scipy's LSODA: of its stiff methods the one that starts cheapest, for inputs jump at every step."""
+    try:
+        importlib.import_module("numpy")
+        integrate = importlib.import_module("scipy.integrate")
+    except ImportError as error:
+        version = ".".join(str(number) for number in sys.version_info[:3])
+        raise MissingPackage(
+            f"fmi2Instantiate: {name} needs numpy and scipy, but {error} in Python {version} ({sys.prefix}). Install "
+            "them there with 'pip install numpy scipy', run the importer with a Python that has them, or take the "
+            "native FMU."
+        ) from None
+    return Library(integrate.LSODA, vars(integrate).setdefault("_motion_cosim_lock", threading.Lock()))
