@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PYTHON CONSTRAINTS
 
-.PHONY: demo test lint fmus wheel study bench conformance platforms lowest constraints clean build-tools test-tools
+.PHONY: demo test lint fmus wheel study bench conformance platforms lowest constraints clean build-tools test-tools lint-tools
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
@@ -12,7 +12,7 @@ demo: fmus
 test: test-tools
 	$(BIN)/python -m pytest
 
-lint: test-tools
+lint: lint-tools
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
@@ -54,13 +54,13 @@ platforms: test-tools
 
 # the oldest releases that pyproject.toml allows, in a venv of their own, under the core tests
 lowest: build-tools
-	sh .ci/lowest
+	$(BIN)/python .ci/lowest
 
 # what CI installs: the newest releases that pyproject.toml allows today, from a venv of their own
 constraints: build-tools
 	rm -rf build/constraints
 	$(BIN)/python -m venv build/constraints
-	build/constraints/bin/python -m pip install --quiet --editable ".[build,importers,test]"
+	build/constraints/bin/python -m pip install --quiet --editable ".[build,importers,test,lint]"
 	build/constraints/bin/python -m pip freeze --exclude-editable > constraints.txt
 
 clean:
@@ -71,3 +71,5 @@ build-tools:
 	@sh .ci/venv build
 test-tools:
 	@sh .ci/venv build importers test
+lint-tools:
+	@sh .ci/venv build importers test lint
