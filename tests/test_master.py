@@ -11,7 +11,6 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -601,23 +600,6 @@ def test_parquet_carries_units_and_hash(make: Make, tmp_path: Path) -> None:
     assert table.schema.field("time").metadata[b"unit"] == b"s"
     assert table.schema.metadata[b"system_hash"].decode() == system.digest
     assert table.schema.metadata[b"partial"] == b"false"
-
-
-def test_csv_needs_no_pyarrow_and_parquet_says_so(make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    result = simulate(make({"a": {}}))
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert result.save(tmp_path / "a.csv").is_file()
-    with pytest.raises(DescriptionError, match=r"a.parquet: Parquet needs pyarrow, .*: pip install pyarrow. Or write"):
-        result.save(tmp_path / "a.parquet")
-
-
-def test_csv_has_the_shortest_digits_that_read_back_the_same(make: Make, tmp_path: Path) -> None:
-    values = [0.1, 5.0, -0.0, 1e-9, 1e22, 5e-324, math.nan, -math.inf]
-    result = simulate(make({"a": {}}))
-    result = replace(result, time=np.arange(8.0), rows=np.array(values)[:, None], columns=result.columns[:1])
-    text = result.save(tmp_path / "a.csv").read_bytes().decode()
-    rows = "0,0.1\n1,5\n2,-0\n3,1e-09\n4,1e+22\n5,5e-324\n6,nan\n7,-inf\n"
-    assert text == '"time","a.y"\n' + rows
 
 
 def test_other_endings_are_refused(make: Make, tmp_path: Path) -> None:

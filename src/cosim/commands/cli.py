@@ -17,7 +17,7 @@ from .fmus import copy_command, fmu_path, info_command, list_command
 from .run import check_command, export_command, run_command, system_arguments
 from .verify import add_verify
 
-TOOLS = ("control", "distributed", "pyarrow", "scipy")
+TOOLS = ("control", "distributed", "scipy")
 """Packages of the extra ``tools``, which design tools need."""
 
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,6 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError, suggest
 
 FORMATS = (".csv", ".parquet")
-CSV_ROWS = 4096
-"""Rows of a CSV file that are formatted at once: enough for speed, few enough that their text takes little memory."""
 
 
 @dataclass(frozen=True)
@@ -114,23 +111,6 @@ class Result:
         """
         path = Path(path)
         check_output(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".csv":
-            self._write_csv(path)
-        else:
-            self._write_parquet(path)
-        return path
-
-    def _write_csv(self, path: Path) -> None:
-        names = ("time", *self.names)
-        table = np.column_stack((self.time, self.rows))
-        with path.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(",".join('"' + name.replace('"', '""') + '"' for name in names) + "\n")
-            for k in range(0, len(table), CSV_ROWS):
-                lines = (",".join(map(repr, row)) + "\n" for row in table[k : k + CSV_ROWS].tolist())
-                file.write("".join(lines).replace(".0,", ",").replace(".0\n", "\n"))
-
-    def _write_parquet(self, path: Path) -> None:
         arrow: Any = import_module("pyarrow")
         names: Sequence[Column] = (Column("time", "s", "Time", "s"), *self.columns)
         fields = [
@@ -144,16 +124,17 @@ class Result:
         metadata["solver"] = json.dumps({instance: dict(counts) for instance, counts in self.solver.items()})
         columns = [self.time, *(np.ascontiguousarray(self.rows[:, i]) for i in range(len(self.columns)))]
         table = arrow.Table.from_arrays([arrow.array(c) for c in columns], schema=arrow.schema(fields, metadata))
-        import_module("pyarrow.parquet").write_table(table, path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".csv":
+            import_module("pyarrow.csv").write_csv(table, path)
+        else:
+            import_module("pyarrow.parquet").write_table(table, path)
+        return path
 
 
 def check_output(path: Path) -> None:
     """Raise DescriptionError unless results can be written as ``path`` says."""
     if path.suffix not in FORMATS:
         raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
-    if path.suffix == ".parquet" and find_spec("pyarrow") is None:
-        raise DescriptionError(
-            f"{path}: Parquet needs pyarrow, which is not installed: pip install pyarrow. Or write {path.stem}.csv."
-        )
     if path.is_dir():
         raise DescriptionError(f"{path} is a folder. Name a file.")
