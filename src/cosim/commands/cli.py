@@ -15,6 +15,7 @@ from .console import complain, fmus_argument
 from .design import add_commands
 from .fmus import copy_command, fmu_path, info_command, list_command
 from .run import check_command, export_command, run_command, system_arguments
+from .surroundings import check_working_folder, explain, prepare_streams
 from .verify import add_verify
 
 TOOLS = ("control", "distributed", "scipy")
@@ -23,9 +24,11 @@ TOOLS = ("control", "distributed", "scipy")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    prepare_streams()
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
+        check_working_folder()
         return options.command(options)
     except DescriptionError as error:
         problems = error.problems
@@ -48,6 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # Whoever read our output (head, less) has gone.
         sys.stderr.close()
+        return 1
+    except OSError as error:
+        complain(explain(error))
         return 1
 
 
