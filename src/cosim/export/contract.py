@@ -158,7 +158,7 @@ MESSAGES: Mapping[str, str] = {
     "ONLY_STATUS": "%s: only %s is known.",
     "NEVER_PENDING": "%s: fmi2DoStep never returns fmi2Pending, there is no such status.",
 }
-"""Name of a message -> its text, with the conversions that printf and Python's ``%`` share; first comes the function."""
+"""Name of a message -> its text, with conversions that printf and Python's ``%`` share; the function comes first."""
 
 REASONS: Mapping[str, str] = {
     "STEP_TOO_SMALL": "the step size became too small",
