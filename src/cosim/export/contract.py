@@ -143,8 +143,6 @@ MESSAGES: Mapping[str, str] = {
     "NO_STRUCTURE": "%s: there are no structural parameters.",
     # steps
     "STEP_SIZE": "%s: communication step size %g s. Give a positive, finite one.",
-    "STEP_LOST": "%s: communication step size %g s is lost in the rounding of time at %.17g s. Take longer steps, or "
-    "start nearer to zero.",
     "WRONG_POINT": "%s: current communication point %.17g s, but the instance is at %.17g s. Continue where the last "
     "step ended, or set an FMU state.",
     "BEHIND_STOP": "%s: the step ends at %.17g s, behind the stop time %.17g s given before. Set a later stop time "

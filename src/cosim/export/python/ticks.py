@@ -83,7 +83,7 @@ class Ticks:
             self.step_ticks, self.step_per_sample = fraction_of(step, T_s, slack)
         if self.per_sample > 0.0:
             drift = time + self.ahead / self.per_sample * T_s - self.instant(T_s)
-            if abs(drift) > near:
+            if abs(drift) > 0.5 * near:
                 self.origin += drift
         n = self.step_per_sample
         if n != self.per_sample:

@@ -395,6 +395,15 @@ FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
 #if KIND == CONTROLLER
 /* The first sampling instant behind the time of the instance. */
 static double next_instant(const State *s) { return instant_ahead(s, at_sampling_instant(s)); }
+
+/* Whether there is a sampling instant between the beginning of a step and its end; where to go in the importer's time. */
+static int instant_within(State *s, double step, double end, double *next) {
+    const double behind = at_sampling_instant(s) ? 1.0 : 0.0;
+    count_ticks(s, step, end);
+    *next = instant_ahead(s, behind);
+    if (s->per_sample > 0.0) return s->ahead + behind * s->per_sample < s->fraction.ticks - SAME_TICK;
+    return *next < end - same_instant(s);
+}
 #endif
 
 FMI3_EXPORT fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance c) {
@@ -504,12 +513,10 @@ FMI3_EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
     if (!steppable(instance, time, step, function)) return fmi3Error;
 #if KIND == CONTROLLER
     if (instance->host.event_mode_used && instance->host.early_return_allowed) {
-        /* to the first sampling instant behind this point */
-        const double next = next_instant(&instance->s);
-        if (next < time + step - same_instant(&instance->s)) {
-            step = next - time;
-            *early_return = true;
-        }
+        double next;
+        instance->s.time = time;
+        *early_return = instant_within(&instance->s, step, time + step, &next);
+        if (*early_return) step = next - time;
     }
 #endif
     status = step_to(instance, time, step, function);
