@@ -324,3 +324,49 @@ def test_flavours_refuse_with_the_same_words(native: Path, python: Path, case: s
             REFUSALS[case](fmu)
             said.append(fmu.messages[-1])
     assert said[0] == said[1]
+
+
+# ---- small changes of the runtime that must be seen ----
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("name", ["BallscrewStage", "CompliantBallscrew"])
+def test_tunable_parameter_acts_from_the_step_it_is_set_at(
+    request: pytest.FixtureRequest, flavour: str, name: str
+) -> None:
+    """Set after initialization, before the first step, it is as good as set before."""
+    traces: dict[str, list[list[float]]] = {}
+    path: Path = request.getfixturevalue(flavour) / f"{name}.fmu"
+    for case, before, after in (("before", 3.0, 3.0), ("after", 1.0, 3.0), ("never", 1.0, 1.0)):
+        with Instance(path) as fmu:
+            fmu.initialize({"friction_scale": before})
+            fmu.set({"friction_scale": after, "command": 12.0})
+            rows = traces[case] = []
+            for k in range(20):
+                fmu.step(k * 1e-4, 1e-4)
+                rows.append(fmu.get(fmu.names("output")))
+    assert traces["after"] == traces["before"] != traces["never"]
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("name", ["PPi", "LinearMotor", "Trajectory"])
+def test_no_step_goes_past_the_stop_time(request: pytest.FixtureRequest, flavour: str, name: str) -> None:
+    with Instance(request.getfixturevalue(flavour) / f"{name}.fmu") as fmu:
+        fmu.fmu.setupExperiment(startTime=0.0, stopTime=0.01)
+        fmu.fmu.enterInitializationMode()
+        fmu.fmu.exitInitializationMode()
+        t = 0.0
+        for _ in range(100):  # added up, the last point is not exactly 0.01
+            fmu.step(t, 1e-4)
+            t += 1e-4
+        assert fmu.step_status(t, 1e-4) == ERROR
+        assert "behind the stop time 0.01" in fmu.messages[-1]
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_one_step_may_not_jump_over_the_stop_time(request: pytest.FixtureRequest, flavour: str) -> None:
+    with Instance(request.getfixturevalue(flavour) / "LinearMotor.fmu") as fmu:
+        fmu.fmu.setupExperiment(startTime=0.0, stopTime=0.01)
+        fmu.fmu.enterInitializationMode()
+        fmu.fmu.exitInitializationMode()
+        assert fmu.step_status(0.0, 0.01001) == ERROR
