@@ -51,7 +51,7 @@ def _arguments() -> argparse.Namespace:
 
 def _references(names: list[str], console: Console) -> int:
     """Write ``fmus/references``; the number of components whose FMU does not meet its references."""
-    from cosim.validation.make import write
+    from cosim.reference.make import write
     from fmus.references.experiments import EXPERIMENTS
     from fmus.references.icons import drawer
 

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import psutil
 
+from cosim.design.plan import make_sweep
 from cosim.design.pulse import LEAD_IN, MONITORED, learn_friction_pulse, log_interpolated
 from cosim.design.stability import limit_map, read_map
-from cosim.design.sweep import Progress, make_sweep, sweep
+from cosim.design.sweep import Progress, sweep
 
 STUDIES = Path(__file__).parents[1] / "studies"
 

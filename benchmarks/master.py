@@ -90,7 +90,7 @@ def start_up(folder: Path) -> list[float]:
     seconds: list[float] = []
     for _ in range(TURNS + 1):
         begun = time.perf_counter()
-        subprocess.run([sys.executable, "-m", "cosim.cli", "run", str(system)], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([sys.executable, "-m", "cosim", "run", str(system)], check=True, stdout=subprocess.DEVNULL)
         seconds.append(time.perf_counter() - begun)
     return seconds[1:]
 

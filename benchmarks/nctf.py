@@ -15,9 +15,9 @@ from rich.console import Console
 from rich.table import Table
 
 from cosim import read_system
-from cosim.master import Simulation
-from cosim.results import Result
-from cosim.system import System, make_system
+from cosim.master.simulation import Simulation
+from cosim.result.result import Result
+from cosim.system.system import System, make_system
 
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEM = ROOT / "studies" / "maeda2008" / "step.toml"

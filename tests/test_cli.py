@@ -15,7 +15,7 @@ import pytest
 from fmu_files import write_probe
 
 from cosim import read_system, simulate
-from cosim.cli import main
+from cosim.commands.cli import main
 
 SYSTEM = """
 description = "Two probes"
@@ -193,7 +193,7 @@ def test_warnings_of_fmus_are_shown(place: Path, cosim: Run) -> None:
 def test_interrupt_exits_130_and_keeps_what_was_computed(place: Path) -> None:
     options = ["--set", "a.sleep=100", "--stop-time", "100000", "--record", "a.y", "--output", "a.csv"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "cosim.cli", "run", "two.toml", *options],
+        [sys.executable, "-m", "cosim", "run", "two.toml", *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(place)},
     )  # fmt: skip
     while process.poll() is None and not list(place.glob("cosim-*/binaries/*/*")):
@@ -255,8 +255,6 @@ def test_list_shows_fmus_and_systems(place: Path, cosim: Run) -> None:
 
 
 def test_every_option_is_explained() -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "cosim.cli", "run", "--help"], capture_output=True, text=True, check=True
-    )
+    run = subprocess.run([sys.executable, "-m", "cosim", "run", "--help"], capture_output=True, text=True, check=True)
     for text in ("such as plant.m=70", "such as 2.5", "such as 1e-4", "Example: cosim run"):
         assert text in run.stdout

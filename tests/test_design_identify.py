@@ -22,8 +22,8 @@ from cosim.design.identify import (
     write_start,
 )
 from cosim.errors import DescriptionError
-from cosim.master import simulate
-from cosim.system import read_system
+from cosim.master.simulation import simulate
+from cosim.system.system import read_system
 
 STUDY = Path(__file__).parents[1] / "studies" / "maeda2008"
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import metrics
 from cosim.design.pulse import (
     ACCELERATIONS,
     RELEARN,
@@ -31,9 +30,10 @@ from cosim.design.pulse import (
     write_start,
 )
 from cosim.errors import DescriptionError
-from cosim.master import simulate
-from cosim.results import Result
-from cosim.system import read_system
+from cosim.master.simulation import simulate
+from cosim.result import metrics
+from cosim.result.result import Result
+from cosim.system.system import read_system
 
 FENG = Path(__file__).parents[1] / "studies" / "feng2015"
 FINE_STEP = 0.036e-3  # m/s

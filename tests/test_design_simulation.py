@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.errors import DescriptionError
-from cosim.master import Simulation, simulate
-from cosim.system import System, make_system, read_system
+from cosim.master.simulation import Simulation, simulate
+from cosim.system.system import System, make_system, read_system
 
 STEP = Path(__file__).parents[1] / "studies" / "maeda2008" / "step.toml"
 

@@ -37,8 +37,8 @@ from cosim.design.stability import (
     search_limit,
 )
 from cosim.errors import DescriptionError
-from cosim.master import Simulation, simulate
-from cosim.system import System, read_system
+from cosim.master.simulation import Simulation, simulate
+from cosim.system.system import System, read_system
 from fmus.physics.nct import REFERENCE_ERROR, REFERENCE_RATE
 from fmus.plant.compliant_ballscrew import CompliantBallscrew
 

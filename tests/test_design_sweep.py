@@ -19,9 +19,11 @@ import psutil
 import pytest
 
 from cosim.design import sweep as sweeps
-from cosim.design.sweep import DataSet, Job, Point, Progress, Row, Sweep, make_sweep, read_sweep, report, sweep
+from cosim.design.dataset import DataSet, Row
+from cosim.design.plan import Point, Sweep, make_sweep, read_sweep
+from cosim.design.sweep import Job, Progress, report, sweep
 from cosim.errors import DescriptionError
-from cosim.system import read_system
+from cosim.system.system import read_system
 
 STEP = Path(__file__).parents[1] / "studies" / "maeda2008" / "step.toml"
 GAINS = {"from": 300.0, "to": 1200.0, "count": 4}
@@ -101,7 +103,7 @@ def test_everything_wrong_is_said_at_once(make: Callable[..., Sweep]) -> None:
 
 
 def test_figures_are_those_of_single_runs(make: Callable[..., Sweep], tmp_path: Path) -> None:
-    from cosim.master import simulate
+    from cosim.master.simulation import simulate
 
     metrics = {"window": [0.01, 0.02], "top": {"of": "max", "signal": "plant.position"}}
     plan = make({"controller.K_P": GAINS}, metrics=metrics)

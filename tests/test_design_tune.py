@@ -12,7 +12,7 @@ import pytest
 
 from cosim.design.tune import Trial, Tuned, Tuning, make_tuning, read_tuning, tune, write_start
 from cosim.errors import DescriptionError
-from cosim.system import read_system
+from cosim.system.system import read_system
 
 STUDY = Path(__file__).parents[1] / "studies" / "maeda2008"
 METRICS = {
@@ -41,8 +41,8 @@ def make(native: Path) -> Callable[..., Tuning]:
 
 def test_the_best_of_a_scan_is_found(make: Callable[..., Tuning], native: Path) -> None:
     """The gain with the least rms error, against a fine scan."""
-    from cosim.master import Simulation
-    from cosim.study import tracking
+    from cosim.master.simulation import Simulation
+    from cosim.result.summary import tracking
 
     tuned = tune(make(generations=12))
     system = read_system(STUDY / "nominal.toml", fmus=native, stop_time=0.1)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.master import simulate
+from cosim.master.simulation import simulate
 from cosim.study import load_study
-from cosim.system import read_system
+from cosim.system.system import read_system
 
 STUDIES = Path(__file__).parents[1] / "studies"
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from cosim.cli import main
+from cosim.commands.cli import main
 from cosim.errors import DescriptionError
-from cosim.handout import copy_fmus
+from cosim.fmu.copies import copy_fmus
 
 
 def test_all_or_some_fmus_are_copied_byte_by_byte(native: Path, tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_list_says_where_fmus_come_from_and_for_which_platforms(
     assert heading.startswith(f"FMUs in {tmp_path}, for ")
     assert row.split()[0] == "PPi"
     assert row.split()[3] == "kB"
-    monkeypatch.setattr("cosim.system.PREBUILT", tmp_path)
+    monkeypatch.setattr("cosim.fmu.places.PREBUILT", tmp_path)
     monkeypatch.chdir(tmp_path)
     assert main(["list"]) == 0
     assert capsys.readouterr().out.startswith(f"FMUs in {tmp_path}, installed with cosim, for ")

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import loop
-from cosim.kernel import compiled
+from cosim.master import loop
+from cosim.master.kernel import compiled
 
 EXCHANGE = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, ctypes.c_void_p

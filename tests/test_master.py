@@ -21,7 +21,7 @@ from fmu_files import PROBE, probe_library, write_fmu, write_probe
 
 from cosim import DescriptionError, Interrupted, Result, Simulation, SimulationError, System, make_system, simulate
 from cosim.export.package import build
-from cosim.master import CallError
+from cosim.master.instance import CallError
 from cosim.model import Controller, Plant, Record, parameter, variable
 
 CACHE = Path(__file__).parents[1] / "build" / "cache"
@@ -488,7 +488,7 @@ def test_warnings_are_logged_and_the_run_goes_on(make: Make) -> None:
 
 
 def test_messages_are_not_kept_without_end(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cosim.master.MAX_MESSAGES", 5)
+    monkeypatch.setattr("cosim.master.instance.MAX_MESSAGES", 5)
     result = simulate(failing(make, 1, 0, time=0.0))
     assert len(result.messages) == 5
     assert result.dropped_messages == 195

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from cosim import metrics
 from cosim.errors import DescriptionError
+from cosim.result import metrics
 
 TIME = np.arange(100_001) * 1e-4  # 10 s at 10 kHz
 

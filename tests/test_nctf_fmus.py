@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from instances import Instance
 from nctf_reference import EXISTING, WARM, reference
 
-from cosim.master import simulate
-from cosim.results import Result
+from cosim.master.simulation import simulate
+from cosim.result.result import Result
 from cosim.study import Outcomes, Status, Study, judge, load_study, run_study
-from cosim.system import read_system
+from cosim.system.system import read_system
 
 STUDIES = Path(__file__).parents[1] / "studies"
 T_S = 2e-4

@@ -14,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from cosim import metrics, plots
 from cosim.errors import DescriptionError
+from cosim.result import plots
+from cosim.result.summary import loops, summary
 
 
 @dataclass(frozen=True)
@@ -226,7 +227,7 @@ def test_errors_and_phase_plane_are_drawn(figures: list[Figure]) -> None:
 
 
 def test_the_table_of_a_run() -> None:
-    rows = {row.name: row for row in metrics.summary(one_axis(), start=3.0)}
+    rows = {row.name: row for row in summary(one_axis(), start=3.0)}
     assert rows["Position error, maximum from 3 s"].unit == "um"
     assert rows["Position error, maximum from 3 s"].value == pytest.approx(0.2, rel=1e-4)
     assert rows["Position error, maximum of the whole run"].value == pytest.approx(0.4, rel=1e-9)
@@ -250,7 +251,7 @@ def test_the_table_of_a_step_tells_overshoot_and_settling() -> None:
     position[0] = 0.0
     rows = {
         row.name: row
-        for row in metrics.summary(
+        for row in summary(
             Recording(
                 time,
                 {"source.position": np.full_like(time, 1e-3), "plant.position": position},
@@ -284,7 +285,7 @@ def two_axes(turns: float) -> Recording:
 
 
 def test_the_table_of_a_circle_has_the_figures_of_its_last_turn() -> None:
-    rows = {row.name: row.value for row in metrics.summary(two_axes(2.3))}
+    rows = {row.name: row.value for row in summary(two_axes(2.3))}
     assert rows["Circular deviation G, turn 2"] == pytest.approx(20.0, rel=1e-3)
     assert rows["Radial deviation F_max, turn 2"] == pytest.approx(0.0, abs=1e-6)
     assert rows["Radial deviation F_min, turn 2"] == pytest.approx(-20.0, rel=1e-6)
@@ -292,10 +293,10 @@ def test_the_table_of_a_circle_has_the_figures_of_its_last_turn() -> None:
 
 
 def test_less_than_a_turn_has_no_circular_figures() -> None:
-    assert not any("turn" in row.name for row in metrics.summary(two_axes(0.9)))
+    assert not any("turn" in row.name for row in summary(two_axes(0.9)))
 
 
 def test_signals_of_different_units_make_no_loop() -> None:
     run = one_axis()
     units = dict(run.units) | {"trajectory.position": "mm"}
-    assert metrics.loops(Recording(run.time, run.columns, units, run.connections)) == []
+    assert loops(Recording(run.time, run.columns, units, run.connections)) == []

@@ -21,8 +21,8 @@ from instances import DISCARD, ERROR, OK, Instance
 
 from cosim.export.package import build_python, write_zip
 from cosim.export.python.python_package import resources
-from cosim.master import simulate
-from cosim.system import read_system
+from cosim.master.simulation import simulate
+from cosim.system.system import read_system
 
 COMPONENTS = sorted(WORKSPACE.components())
 PLANTS = ("BallscrewStage", "CompliantBallscrew", "LinearMotor", "NominalStage")

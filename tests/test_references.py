@@ -14,14 +14,14 @@ import pytest
 from conftest import ROOT, WORKSPACE
 from PIL import Image
 
-from cosim import lsref
 from cosim.errors import DescriptionError
 from cosim.export.assets import GUIDE, ICON, MEASURED, PICTURE, asset_files, assets, folder, measured
 from cosim.export.workspace import Workspace
 from cosim.model import Choice, Plant, Record, Source, declarations, variable
-from cosim.ssp import validate
-from cosim.validation.exact import Validation, scalar_names, tolerance, trace
-from cosim.verify import verify, verify_all
+from cosim.reference import fmi_ls_ref as lsref
+from cosim.reference.exact import Validation, scalar_names, tolerance, trace
+from cosim.reference.replay import verify, verify_all
+from cosim.system.ssp_read import validate
 from fmus.references.experiments import EXPERIMENTS
 from fmus.references.icons import ICONS
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_loops import reference
 
-from cosim.master import Simulation, simulate
-from cosim.results import Result
-from cosim.system import make_system, read_system
+from cosim.master.simulation import Simulation, simulate
+from cosim.result.result import Result
+from cosim.system.system import make_system, read_system
 
 STUDIES = Path(__file__).parents[1] / "studies"
 SLOW = {"force.amplitude": 46e-3, "force.offset": -26e-3}

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim import metrics, study
-from cosim.results import Result
+from cosim import study
+from cosim.result import metrics
+from cosim.result.result import Result
 
 FOLDER = Path(__file__).resolve().parents[1] / "studies" / "shams2010"
 STUDY = study.load_study(FOLDER)

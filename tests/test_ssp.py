@@ -11,11 +11,13 @@ import pytest
 from conftest import ROOT
 from fmpy.ssp.ssd import read_ssd
 
-from cosim.cli import main
+from cosim.commands.cli import main
 from cosim.errors import DescriptionError
-from cosim.master import simulate
-from cosim.ssp import read_ssp, validate, write_ssp, write_toml
-from cosim.system import System, make_system, read_system
+from cosim.master.simulation import simulate
+from cosim.system.ssp_read import read_ssp, validate
+from cosim.system.ssp_write import write_ssp
+from cosim.system.system import System, make_system, read_system
+from cosim.system.toml_write import write_toml
 
 SYSTEMS = sorted(
     path

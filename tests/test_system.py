@@ -12,8 +12,10 @@ import pytest
 from fmu_files import PROBE, Variable, description, library_name, write_fmu, write_zip
 
 from cosim.errors import DescriptionError
-from cosim.fmu import read_fmu
-from cosim.system import System, find_fmus, make_system, parse_value, read_system, shipped_file
+from cosim.fmu.description import read_fmu
+from cosim.fmu.places import find_fmus, shipped_file
+from cosim.system.system import System, make_system, read_system
+from cosim.system.values import parse_value
 
 SOURCE = (Variable("y", "output", 0, unit="m"),)
 PLANT = (
@@ -678,8 +680,8 @@ def test_huge_member(tmp_path: Path) -> None:
 
 
 def test_too_much_in_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cosim.fmu.MAX_TOTAL_BYTES", 2**20)
-    monkeypatch.setattr("cosim.fmu.MAX_MEMBERS", 5)
+    monkeypatch.setattr("cosim.fmu.archive.MAX_TOTAL_BYTES", 2**20)
+    monkeypatch.setattr("cosim.fmu.archive.MAX_MEMBERS", 5)
     members = {f"resources/{i}": bytes(2**18) for i in range(6)}
     text = open_problem(write_zip(tmp_path / "Huge.fmu", {"modelDescription.xml": description(PROBE), **members}))
     assert "Huge.fmu: would unpack to 2 MiB; at most 1 MiB are allowed." in text

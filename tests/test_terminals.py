@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT, WORKSPACE
 
 from cosim.export.terminals import terminals
-from cosim.system import read_system
+from cosim.system.system import read_system
 
 COMPONENTS = sorted(WORKSPACE.components())
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from fmu_files import PROBE, Variable, description, library_name, probe_library, write_fmu, write_zip
 
-from cosim import lsref
-from cosim import verify as module
-from cosim.cli import main
+from cosim.commands.cli import main
 from cosim.errors import DescriptionError
-from cosim.lsref import Experiment, Related, Tolerance
-from cosim.verify import verify
+from cosim.reference import fmi_ls_ref as lsref
+from cosim.reference import replay as module
+from cosim.reference.fmi_ls_ref import Experiment, Related, Tolerance
+from cosim.reference.replay import verify
 
 STEP = 0.125
 ROWS = 9
@@ -333,7 +333,7 @@ def test_text_outputs_are_told_as_not_compared(tmp_path: Path) -> None:
 
 
 def test_a_difference_of_an_array_is_that_of_its_widest_element() -> None:
-    from cosim.verify import Signal
+    from cosim.reference.replay import Signal
 
     times = np.arange(2.0)
     replay = np.array([[1.0, 2.0], [3.0, np.nan]])

@@ -17,7 +17,7 @@ from conftest import ROOT, WORKSPACE
 
 import hatch_build
 from cosim.export.compile import TARGETS, host_platform
-from cosim.system import PREBUILT
+from cosim.fmu.places import PREBUILT
 
 SYSTEM = """
 description = "A system of a user"
@@ -120,7 +120,7 @@ def test_installed_wheel_runs_a_shipped_system_and_one_of_the_user(installed: di
     (tmp_path / "mine.toml").write_text(SYSTEM, encoding="utf-8")
 
     def cosim(*arguments: str) -> str:
-        command = [sys.executable, "-m", "cosim.cli", *arguments]
+        command = [sys.executable, "-m", "cosim", *arguments]
         done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         return done.stdout
@@ -131,7 +131,7 @@ def test_installed_wheel_runs_a_shipped_system_and_one_of_the_user(installed: di
     assert json.loads(cosim("run", "mine.toml", "--json", "--output", "run.csv"))["steps"] == 100
     assert "Copied" in cosim("fmus", "copy", "mine", "BallscrewStage")
     assert (tmp_path / "mine" / "BallscrewStage.fmu").is_file()
-    command = [sys.executable, "-m", "cosim.cli", "tune", "studies/maeda2008/tunings/step_1mm.toml"]
+    command = [sys.executable, "-m", "cosim", "tune", "studies/maeda2008/tunings/step_1mm.toml"]
     done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == "error: scipy is not installed, and this command needs it: install motion-cosim[tools].\n"
@@ -150,7 +150,7 @@ def test_fmus_of_the_user_win_over_those_of_the_wheel(installed: dict[str, str],
     below = tmp_path / "deep" / "down"
     below.mkdir(parents=True)
     done = subprocess.run(
-        [sys.executable, "-m", "cosim.cli", "info", "PPi"],
+        [sys.executable, "-m", "cosim", "info", "PPi"],
         cwd=below,
         env=installed,
         capture_output=True,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from cosim.model import exp, sin, where
-from cosim.validation.exact import Validation
+from cosim.reference.exact import Validation
 from fmus.controllers.cascade_pid import FeedForward
 from fmus.controllers.disturbance_observer import ForceTiming
 from fmus.controllers.friction_pulse import Mode

@@ -1,10 +1,11 @@
-"""Precision-motion co-simulation: FMI 2.0 FMUs declared once in Python, and a fast master that steps them together.
+"""Precision-motion co-simulation: FMUs declared once in Python, and a fast master that steps them together.
 
     system = cosim.read_system("stage.toml", {"plant.m": 70.0})
     result = cosim.simulate(system)
     result["plant.position"], result.unit("plant.position")
 
-What runs FMUs is imported on first use: components and their export need none of it.
+``cosim.metrics`` has figures of merit, ``cosim.plots`` pictures, ``cosim.design`` the design tools. Names are imported
+on first use: components and their export need nothing of what runs FMUs.
 """
 
 from __future__ import annotations
@@ -13,10 +14,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from . import design
     from .errors import CosimError, DescriptionError, SimulationError, TraceError
-    from .master import CallError, Interrupted, Simulation, simulate
-    from .results import Result
-    from .system import System, make_system, read_system
+    from .master.instance import CallError
+    from .master.run import Interrupted
+    from .master.simulation import Simulation, simulate
+    from .result import metrics, plots
+    from .result.result import Result
+    from .system.system import System, make_system, read_system
 
 __all__ = [
     "CallError",
@@ -28,21 +33,33 @@ __all__ = [
     "SimulationError",
     "System",
     "TraceError",
+    "design",
     "make_system",
+    "metrics",
+    "plots",
     "read_system",
     "simulate",
 ]
 
 _HOMES = {
     "errors": ("CosimError", "DescriptionError", "SimulationError", "TraceError"),
-    "master": ("CallError", "Interrupted", "Simulation", "simulate"),
-    "results": ("Result",),
-    "system": ("System", "make_system", "read_system"),
+    "master.instance": ("CallError",),
+    "master.run": ("Interrupted",),
+    "master.simulation": ("Simulation", "simulate"),
+    "result.result": ("Result",),
+    "system.system": ("System", "make_system", "read_system"),
 }
+_MODULES = {"design": "design", "metrics": "result.metrics", "plots": "result.plots"}
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f".{_MODULES[name]}", __name__)
     for module, names in _HOMES.items():
         if name in names:
             return getattr(import_module(f".{module}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

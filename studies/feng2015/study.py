@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim import metrics, plots
-from cosim.metrics import Array
-from cosim.results import Result
+from cosim.result import metrics, plots
+from cosim.result.metrics import Array
+from cosim.result.result import Result
 from cosim.study import Claim, Numbers, Outcomes, Picture, Rule, Run, Study, Value, at_least, at_most, falling, near
 
 Window = tuple[float, float]

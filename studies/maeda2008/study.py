@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim import metrics, plots
 from cosim.design.identify import nct_from_signals
 from cosim.design.stability import limit_map, oscillation, read_map
-from cosim.results import Result
+from cosim.result import metrics, plots
+from cosim.result.result import Result
 from cosim.study import (
     Claim,
     Numbers,

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
-from cosim import metrics, plots
-from cosim.results import Result
+from cosim.result import metrics, plots
+from cosim.result.result import Result
 from cosim.study import (
     Claim,
     Numbers,

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim import metrics, plots
-from cosim.metrics import Array
+from cosim.result import metrics, plots
+from cosim.result.metrics import Array
 from cosim.study import Claim, Numbers, Outcomes, Picture, Rule, Run, Status, Study, Value, at_least, at_most
 
 if TYPE_CHECKING:

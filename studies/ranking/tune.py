@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim import metrics
 from cosim.errors import CosimError
-from cosim.master import simulate
-from cosim.system import make_system
+from cosim.master.simulation import simulate
+from cosim.result import metrics
+from cosim.system.system import make_system
 
 HERE = Path(__file__).parent
 FMUS = HERE.parents[1] / "build" / "fmus" / "native"

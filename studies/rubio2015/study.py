@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim import metrics, plots
-from cosim.metrics import Array
-from cosim.results import Result
+from cosim.result import metrics, plots
+from cosim.result.metrics import Array
+from cosim.result.result import Result
 from cosim.study import (
     Claim,
     Numbers,

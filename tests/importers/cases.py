@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 
 import fmpy
 
-from cosim.fmu import Fmu, read_fmu
-from cosim.master import simulate
-from cosim.ssp import write_ssp
-from cosim.system import System, make_system, read_system
+from cosim.fmu.description import Fmu, read_fmu
+from cosim.master.simulation import simulate
+from cosim.system.ssp_write import write_ssp
+from cosim.system.system import System, make_system, read_system
 
 STEPS = 100
 INPUTS = {"command": 0.3, "position_ref": 1e-5, "velocity_ref": 1e-3, "position": 2e-6, "velocity": 2e-4}

@@ -25,8 +25,8 @@ import fmpy
 from rich.console import Console
 
 from cosim.errors import CosimError
-from cosim.master import simulate
-from cosim.system import make_system
+from cosim.master.simulation import simulate
+from cosim.system.system import make_system
 
 from .cases import (
     MULTIPLES,

@@ -22,9 +22,9 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
-from ..master import simulate
-from ..metrics import Array
-from ..system import System, read_system
+from ..master.simulation import simulate
+from ..result.metrics import Array
+from ..system.system import System, read_system
 
 NODES = 128
 """Nodes of the NCT in the controllers of this library."""
@@ -349,7 +349,7 @@ def write_start(
 
 def plot_nct(nct: Nct, path: Path) -> None:
     """The phase plane: the samples and the nodes of the NCT."""
-    from ..plots import Series, plot_phase_plane
+    from ..result.plots import Series, plot_phase_plane
 
     error, rate = nct.nodes()
     series = (

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
-from ..master import Checkpoint, Simulation
-from ..metrics import Array
-from ..system import System, make_system, read_system
+from ..master.simulation import Checkpoint, Simulation
+from ..result.metrics import Array
+from ..system.system import System, make_system, read_system
 
 MARKOV = 60
 """Samples of the step response from which a controller is realized."""
@@ -347,7 +347,7 @@ def plot_bode(
     path: Path, model: StateSpace, *, input: int = 0, output: int = 0, omega: Array | None = None, title: str = ""
 ) -> None:
     """Magnitude and phase over frequency of one input and output."""
-    from ..plots import save
+    from ..result.plots import save
 
     if omega is None:
         poles = np.abs(model.poles)

@@ -36,9 +36,9 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
-from ..master import Checkpoint, Simulation
-from ..metrics import Array, rms
-from ..system import System, make_system, read_system
+from ..master.simulation import Checkpoint, Simulation
+from ..result.metrics import Array, rms
+from ..system.system import System, make_system, read_system
 
 ACCELERATIONS = (2e-3, 10e-3, 40e-3, 120e-3)
 """Reverse accelerations at which durations are learned, m/s2; the first and last bound the tables."""
@@ -504,7 +504,7 @@ def write_start(learned: Mapping[str, Learned], path: Path, *, base: str | None 
 
 def plot_learned(learned: Mapping[str, Learned], path: Path) -> None:
     """Amplitudes and durations over the acceleration: what was found and the tables through it."""
-    from ..plots import Panel, Series, plot_panels
+    from ..result.plots import Panel, Series, plot_panels
 
     amplitude: list[Series] = []
     duration: list[Series] = []

@@ -28,10 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
-from ..master import Simulation
-from ..metrics import Array
-from ..results import Result
-from ..system import System, read_system, shipped_file
+from ..fmu.places import shipped_file
+from ..master.simulation import Simulation
+from ..result.metrics import Array
+from ..result.result import Result
+from ..system.system import System, read_system
 from .identify import identify_nct
 from .linearize import StateSpace
 
@@ -463,7 +464,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
 
 def plot_limit_map(found: LimitMap, path: Path) -> None:
     """The damping ratios over W: linear limit, practical limit and what the simulations found, one panel a case."""
-    from ..plots import Panel, Series, plot_panels
+    from ..result.plots import Panel, Series, plot_panels
 
     panels: list[Panel] = []
     for name, gain in found.ultimate.items():

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DescriptionError
-from ..metrics import Array
-from ..plots import save, typeset
-from .sweep import DataSet
+from ..result.metrics import Array
+from ..result.plots import save, typeset
+from .dataset import DataSet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -37,10 +37,10 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import CosimError, DescriptionError, suggest
-from ..master import Simulation
-from ..metrics import Array
-from ..system import shipped_file
-from .sweep import Range, Sweep, make_sweep, measure, read_range
+from ..fmu.places import shipped_file
+from ..master.simulation import Simulation
+from ..result.metrics import Array
+from .plan import Range, Sweep, make_sweep, measure, read_range
 
 WORST = 1e6
 """Excess of a run that failed."""

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
+from ..fmu.xml import document
 from ..model import Choice, Component, Plant
 from ..units import BASE_UNITS, parse_unit
-from ..xmlfile import document
 from .interface import Variable, variables_of
 from .trace import Trace
 

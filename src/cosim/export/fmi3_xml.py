@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
+from ..fmu.xml import document
 from ..model import Controller, Plant
-from ..xmlfile import document
 from .fmi2_xml import (
     QUANTITIES,
     add_experiment,

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element, SubElement
 
+from ..fmu.xml import document
 from ..model import Component, Controller, Plant, Source
-from ..xmlfile import document
 from .interface import variables_of
 
 TEXTS = {

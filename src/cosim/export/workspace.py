@@ -62,7 +62,7 @@ class Workspace:
         files = [
             self.components()[name],
             *sorted((self.root / "fmus" / "physics").glob("*.py")),
-            *(package / f"{module}.py" for module in ("model", "units", "errors", "xmlfile")),
+            *(package / f"{module}.py" for module in ("model", "units", "errors", "fmu/xml")),
             *sorted(Path(__file__).parent.rglob("*.py")),
             *sorted(RUNTIME.glob("*.[ch]")),
             *asset_files(self.components()[name]),

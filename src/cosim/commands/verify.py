@@ -1,0 +1,187 @@
+"""``cosim verify`` on the command line. Nothing heavy is imported before it runs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import DescriptionError
+from .console import complain, fmus_argument, remark, standard_output
+
+if TYPE_CHECKING:
+    from ..reference.replay import Outcome, Report
+
+
+def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
+    """Add ``verify`` to the subparsers of ``cosim``; ``find`` gives the file of an FMU's name."""
+    parser = commands.add_parser(
+        "verify",
+        help="replay the reference results inside FMUs",
+        description="Replay the reference results that FMUs carry (fmi-ls-ref), ours or foreign, and compare.",
+        epilog="Example: cosim verify BallscrewStage --plot stage.png. "
+        "Exit codes: 0 all within their tolerances, 1 a difference or a failed run, 2 an FMU or its references are "
+        "wrong or missing; the highest of all FMUs counts.",
+    )
+    parser.add_argument(
+        "fmu",
+        nargs="+",
+        metavar="FMU",
+        help="an .fmu file, a name in the FMU folder, or a folder: all FMUs in it",
+    )
+    parser.add_argument("--interface", choices=["cs", "me"], help="default: co-simulation where an FMU has it")
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-3,
+        metavar="SHARE",
+        help="of the largest value of a reference, where the FMU states none (default: 1e-3)",
+    )
+    parser.add_argument("--timeout", type=float, default=60.0, metavar="SECONDS", help="for one run (default: 60)")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw references and replay, one file an FMU")
+    parser.add_argument("--json", action="store_true", help="print every signal as JSON, for scripts")
+    fmus_argument(parser)
+    parser.set_defaults(command=partial(_verify, find))
+
+
+def _verify(find: Callable[[str, Path | None], Path], options: argparse.Namespace) -> int:
+    from rich.progress import track
+
+    from ..reference.replay import verify_all
+
+    problems: list[str] = []
+    for name, low in (("tolerance", options.tolerance), ("timeout", options.timeout)):
+        if not (math.isfinite(low) and low > 0.0):
+            problems.append(f"--{name} {low:g}: give a number above 0.")
+    paths: list[Path] = []
+    for text in options.fmu:
+        try:
+            paths += _paths(text, options.fmus, find)
+        except DescriptionError as error:
+            problems += error.problems
+    if problems:
+        raise DescriptionError(problems)
+    reports: list[Report] = []
+    found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=options.timeout)
+    quiet = not sys.stderr.isatty()
+    for report in track(found, "Replaying", len(paths), console=Console(stderr=True), transient=True, disable=quiet):
+        reports.append(report)
+        if options.plot is not None and any(outcome.signals for outcome in report.outcomes):
+            _draw(report, options.plot, len(paths))
+    if options.json:
+        sys.stdout.write(json.dumps([_facts(report) for report in reports], indent=2) + "\n")
+    else:
+        _show(reports)
+    return max(report.code for report in reports)
+
+
+def _paths(text: str, folder: Path | None, find: Callable[[str, Path | None], Path]) -> list[Path]:
+    if Path(text).is_dir():
+        found = sorted(Path(text).glob("*.fmu"))
+        if not found:
+            raise DescriptionError(f"{text}: no .fmu file in this folder.")
+        return found
+    path = find(text, folder)
+    if not path.is_file():
+        raise DescriptionError(f"{path}: no such file.")
+    return [path]
+
+
+def _draw(report: Report, target: Path, number: int) -> None:
+    from ..reference.picture import draw
+
+    draw(report, target if number == 1 else target.with_stem(f"{target.stem}_{report.path.stem}"))
+
+
+def _show(reports: Sequence[Report]) -> None:
+    console = standard_output()
+    table = Table(box=SIMPLE_HEAD)
+    for heading in ("FMU", "FMI"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("Experiment", overflow="fold")
+    for heading in ("Rows", "Signals", "Difference", "Tolerance"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in ("Signal", "Time / s", "Verdict"):
+        table.add_column(heading, justify="right" if heading == "Time / s" else "left")
+    for report in reports:
+        title = (escape(report.path.stem), f"{report.fmi} {report.interface}".strip())
+        for outcome in report.outcomes:
+            table.add_row(*title, *_row(outcome))
+            title = ("", "")
+        if not report.outcomes:
+            table.add_row(*title, "", "", "", "", "", "", "", "[red]no replay[/]")
+    console.print(table)
+    if any(not signal.stated for report in reports for outcome in report.outcomes for signal in outcome.signals):
+        console.print("* the default, as the FMU states no tolerance")
+    for report in reports:
+        for problem in report.problems:
+            complain(problem)
+        for outcome in report.outcomes:
+            said = f"{report.path.name}: experiment '{outcome.experiment.name}': "
+            if outcome.failure:
+                complain(said + outcome.failure)
+            for note in outcome.notes:
+                remark(said + note)
+
+
+def _row(outcome: Outcome) -> tuple[str, ...]:
+    worst = outcome.worst
+    start = (escape(outcome.experiment.name), str(outcome.rows))
+    if worst is None:
+        return (*start, "", "", "", "", "", "[red]failed[/]")
+    outside = sum(not signal.within for signal in outcome.signals)
+    stated = "" if worst.stated else "*"
+    return (
+        *start,
+        str(len(outcome.signals)),
+        f"{worst.largest:.2g} {escape(worst.unit)}".strip(),
+        f"{worst.limit:.2g} {escape(worst.unit)}{stated}".strip(),
+        escape(worst.name),
+        f"{worst.at:.5g}",
+        "[green]within[/]" if outcome.within else f"[red]{outside} of {len(outcome.signals)} outside[/]",
+    )
+
+
+def _facts(report: Report) -> dict[str, Any]:
+    return {
+        "fmu": str(report.path),
+        "name": report.name,
+        "fmi_version": report.fmi,
+        "interface": report.interface,
+        "exit_code": report.code,
+        "problems": list(report.problems),
+        "experiments": [
+            {
+                "name": outcome.experiment.name,
+                "description": outcome.experiment.description,
+                "rows": outcome.rows,
+                "step_size": outcome.experiment.step_size,
+                "within": outcome.within,
+                "failure": outcome.failure or None,
+                "notes": list(outcome.notes),
+                "signals": [
+                    {
+                        "name": signal.name,
+                        "unit": signal.unit,
+                        "largest_difference": signal.largest if math.isfinite(signal.largest) else None,
+                        "time": signal.at,
+                        "tolerance": signal.limit,
+                        "tolerance_stated": signal.stated,
+                        "within": signal.within,
+                    }
+                    for signal in outcome.signals
+                ],
+            }
+            for outcome in report.outcomes
+        ],
+    }

@@ -1,0 +1,1 @@
+"""What an FMU file is: its archive, its description, where FMUs are found."""

@@ -1,0 +1,57 @@
+"""Archives from anywhere: what may be unpacked, and what is refused."""
+
+from __future__ import annotations
+
+import stat
+import zipfile
+from pathlib import Path, PurePosixPath
+
+from ..errors import DescriptionError
+
+MAX_MEMBERS = 20_000
+
+
+MAX_MEMBER_BYTES = 512 * 2**20
+
+
+MAX_TOTAL_BYTES = 2**30
+
+
+def checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+    """The members of an archive, none of which can write outside its folder or fill the disk."""
+    members = archive.infolist()
+    source = Path(str(archive.filename)).name
+    problems: list[str] = []
+    seen: set[str] = set()
+    for member in members:
+        name = member.orig_filename
+        path = PurePosixPath(name)
+        said = f"{source}: archive member {name!r}"
+        if "\\" in name or ":" in name or "\0" in name:
+            problems.append(f"{said} has a backslash, colon or null in its name. Refused.")
+        elif path.is_absolute() or ".." in path.parts:
+            problems.append(f"{said} points outside the archive. Refused.")
+        elif stat.S_ISLNK(member.external_attr >> 16):
+            problems.append(f"{said} is a symbolic link. Refused.")
+        elif name in seen:
+            problems.append(f"{said} is there twice. Refused.")
+        if member.flag_bits & 1:
+            problems.append(f"{said} is encrypted. Refused.")
+        if member.file_size > MAX_MEMBER_BYTES:
+            problems.append(
+                f"{said} would unpack to {member.file_size / 2**20:.0f} MiB; "
+                f"at most {MAX_MEMBER_BYTES // 2**20} MiB are allowed."
+            )
+        seen.add(name)
+    total = sum(member.file_size for member in members)
+    if total > MAX_TOTAL_BYTES:
+        problems.append(
+            f"{source}: would unpack to {total / 2**20:.0f} MiB; at most {MAX_TOTAL_BYTES // 2**20} MiB are allowed."
+        )
+    if len(members) > MAX_MEMBERS:
+        problems.append(f"{source}: {len(members)} archive members; at most {MAX_MEMBERS} are allowed.")
+    if problems:
+        shown = problems[:10]
+        more = len(problems) - len(shown)
+        raise DescriptionError([*shown, f"{source}: {more} more members like these."] if more else shown)
+    return members

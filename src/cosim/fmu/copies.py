@@ -1,0 +1,52 @@
+"""Hands FMUs out: copies into a folder of the user's, for other tools."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..errors import DescriptionError, suggest
+
+
+def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: bool = False) -> list[Path]:
+    """Copy the FMUs ``names`` of ``source``, or all, into ``folder``; returns the files written.
+
+    A file that is there with the same content stays as it is; one with other content is replaced with ``force`` only.
+    Raises DescriptionError with every unknown name and every file in the way, and has copied nothing then.
+    """
+    known = {path.stem: path for path in sorted(source.glob("*.fmu"))}
+    problems = [f"no FMU '{name}' in {source}.{suggest(name, known)}" for name in names if name not in known]
+    if not known:
+        problems.append(f"{source}: there is no FMU. Build the FMUs, or name another folder with --fmus.")
+    if folder.exists() and not folder.is_dir():
+        problems.append(f"{folder}: is not a folder. Give another one.")
+    contents = {folder / known[name].name: known[name].read_bytes() for name in (names or known) if name in known}
+    changed: dict[Path, bytes] = {}
+    for path, content in contents.items():
+        if path.is_dir():
+            problems.append(f"{path}: is a folder. Give another folder to copy to.")
+        elif not path.is_file():
+            changed[path] = content
+        elif path.read_bytes() != content:
+            changed[path] = content
+            if not force:
+                problems.append(f"{path}: is another FMU. Give --force to replace it, or another folder.")
+    if problems:
+        raise DescriptionError(problems)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path, content in changed.items():
+            _write(path, content)
+    except OSError as error:
+        raise DescriptionError(f"{folder}: cannot be written to ({error.strerror}). Give another folder.") from None
+    return list(changed)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file in one go, so that nobody ever sees half an FMU; readable for those who may read new files."""
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".cosim-") as place:
+        partial = Path(place) / path.name
+        partial.write_bytes(content)
+        os.replace(partial, path)

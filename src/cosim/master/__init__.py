@@ -1,0 +1,1 @@
+"""From a checked System to rows: instances, program, loop, run."""

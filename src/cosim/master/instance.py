@@ -1,0 +1,227 @@
+"""One FMU instance on FMPy: its calls checked, its messages kept."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import os
+import threading
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+from ..errors import SimulationError
+from ..fmu.description import Fmu, Variable
+from ..result.result import Message, Result
+from ..system.parts import Instance
+
+fmpy: Any = import_module("fmpy")
+
+
+fmi1: Any = import_module("fmpy.fmi1")
+
+
+fmi2: Any = import_module("fmpy.fmi2")
+
+
+fmi_logging: Any = import_module("fmpy.logging")
+
+
+STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+
+
+FATAL = 4
+
+
+MAX_MESSAGES = 10_000
+
+
+class CallError(SimulationError):
+    """An FMI call failed: who, which function, when, which status, and the last message of the FMU."""
+
+    def __init__(
+        self, instance: str, function: str, *, time: float, status: str, message: str, remedy: str = ""
+    ) -> None:
+        self.instance = instance
+        self.function = function
+        self.time = time
+        self.status = status
+        self.message = message
+        self.result: Result | None = None
+        said = f" The FMU said: {message}" if message else " The FMU gave no message."
+        super().__init__(f"{instance}: {function} at {time:.9g} s returned fmi2{status}.{said}{remedy}")
+
+
+class _Log:
+    """Messages of one instance. FMUs find it by a number, which travels as their component environment."""
+
+    _numbers: ClassVar = itertools.count(1)
+    _open: ClassVar[dict[int, _Log]] = {}
+
+    def __init__(self, instance: str) -> None:
+        self.instance = instance
+        self.number = next(self._numbers)
+        self.clock: Callable[[], float] = lambda: 0.0
+        self.messages: list[Message] = []
+        self.dropped = 0
+        self.last = ""
+        self._open[self.number] = self
+
+    def close(self) -> None:
+        self._open.pop(self.number, None)
+
+    def add(self, status: int, category: str, text: str) -> None:
+        said = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+        if status > 0:
+            self.last = text
+        if len(self.messages) < MAX_MESSAGES:
+            self.messages.append(Message(self.instance, self.clock(), said, category, text))
+        else:
+            self.dropped += 1
+
+    @classmethod
+    def receive(cls, environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
+        """What FMUs call to log, while the loop runs, too."""
+        log = cls._open.get(environment or 0)
+        if log is None:
+            # FMPy keeps one logger for the process; this FMU was loaded by someone else.
+            fmi1.printLogMessage(environment, name, status, category, message)
+        else:
+            log.add(status, (category or b"").decode("utf-8", "replace"), (message or b"").decode("utf-8", "replace"))
+
+
+_receive = fmi2.fmi2CallbackLoggerTYPE(_Log.receive)
+
+
+def _callbacks(environment: int) -> Any:
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = _receive
+    callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+    callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+    callbacks.componentEnvironment = environment
+    # Formats the variable arguments of a message in C. FMPy hands all messages to the logger added last: add it anew.
+    fmi_logging.addLoggerProxy(ctypes.byref(callbacks))
+    return callbacks
+
+
+_LOADING = threading.Lock()
+"""Held while FMPy loads a library, for which it changes the working directory of the process."""
+
+
+class FmuInstance:
+    """An instance on FMPy's FMU2Slave: its calls checked, its messages kept."""
+
+    def __init__(self, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
+        self.name = instance.name
+        self.fmu: Fmu = instance.fmu
+        self.log = _Log(instance.name)
+        self.fatal = False
+        self._folder = folder
+        self._library = library
+        self._debug = debug
+        self._slave: Any = None
+
+    def load(self, number: int) -> None:
+        """Load the library and create the instance. Raises SimulationError."""
+        with _LOADING:
+            place = os.getcwd()
+            try:
+                self._slave = fmi2.FMU2Slave(
+                    guid=self.fmu.guid,
+                    modelIdentifier=self.fmu.identifier,
+                    unzipDirectory=str(self._folder),
+                    instanceName=self.name,
+                    libraryPath=str(self._library),
+                )
+            except Exception as error:
+                # FMPy raises bare exceptions for a library that does not load or lacks a function.
+                text = str(error).replace(str(self._folder), self.fmu.path.name)
+                raise SimulationError(f"{self.name}: the library of {self.fmu.name} cannot be used: {text}") from None
+            finally:
+                os.chdir(place)
+        try:
+            self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
+        except Exception:
+            self._slave.freeLibrary()
+            self._slave = None
+            raise CallError(self.name, "fmi2Instantiate", time=0.0, status="Error", message=self.log.last) from None
+        if not self._debug:
+            categories = [c for c in self.fmu.log_categories if c.startswith("logStatus")]
+            if categories:
+                self._slave.setDebugLogging(True, categories)
+
+    @property
+    def component(self) -> int:
+        return int(self._slave.component)
+
+    def address(self, function: str) -> int:
+        """Where an FMI function of the loaded library is."""
+        return cast(int, ctypes.cast(getattr(self._slave.dll, function), ctypes.c_void_p).value)
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        """Call an FMI function on this instance; raises CallError for a status other than OK and Warning."""
+        try:
+            return getattr(self._slave, function)(self._slave.component, *arguments)
+        except fmi1.FMICallException as error:
+            raise self.failed(function, int(error.status)) from None
+
+    def failed(self, function: str, status: int) -> CallError:
+        """The error for a status that ``function`` returned."""
+        self.fatal = self.fatal or status == FATAL
+        name = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+        remedy = " Asynchronous FMUs are not supported." if name == "Pending" else ""
+        return CallError(self.name, function, time=self.log.clock(), status=name, message=self.log.last, remedy=remedy)
+
+    def set(self, variable: Variable, value: Any) -> None:
+        """Set one variable."""
+        kind, ctype = _ctype(variable)
+        content = value.encode() if kind == "String" else value
+        self.call(f"fmi2Set{kind}", value_references([variable]), 1, (ctype * 1)(content))
+
+    def set_all(self, values: Mapping[str, Any]) -> None:
+        """Set variables by name, those of one type in one call."""
+        groups: dict[str, list[Variable]] = {}
+        for name in values:
+            variable = self.fmu.variables[name]
+            groups.setdefault(_ctype(variable)[0], []).append(variable)
+        for kind, group in groups.items():
+            ctype = _ctype(group[0])[1]
+            given = [values[variable.name] for variable in group]
+            content = [value.encode() for value in given] if kind == "String" else given
+            self.call(f"fmi2Set{kind}", value_references(group), len(group), (ctype * len(group))(*content))
+
+    def get(self, variable: Variable) -> float:
+        """Read one numeric variable."""
+        kind, ctype = _ctype(variable)
+        buffer = (ctype * 1)()
+        self.call(f"fmi2Get{kind}", value_references([variable]), 1, buffer)
+        return float(buffer[0])
+
+    def save(self) -> Any:
+        """The FMU's state, for fmi2SetFMUstate."""
+        state = ctypes.c_void_p()
+        self.call("fmi2GetFMUstate", ctypes.byref(state))
+        return state
+
+    def forget(self, state: Any) -> None:
+        """Free a saved state."""
+        if self._slave is not None and not self.fatal and state.value is not None:
+            self.call("fmi2FreeFMUstate", ctypes.byref(state))
+
+    def free(self) -> None:
+        """Free the instance and its library, unless it said fmi2Fatal."""
+        if self._slave is not None and not self.fatal:
+            self._slave.freeInstance()
+        self._slave = None
+        self.log.close()
+
+
+def _ctype(variable: Variable) -> tuple[str, Any]:
+    kind = "Integer" if variable.type == "Enumeration" else variable.type
+    return kind, {"Real": ctypes.c_double, "String": ctypes.c_char_p}.get(kind, ctypes.c_int)
+
+
+def value_references(variables: list[Variable]) -> Any:
+    """Value references of variables as a ctypes array."""
+    return (ctypes.c_uint * len(variables))(*(variable.reference for variable in variables))

@@ -1,0 +1,318 @@
+"""Running a system: the life of its instances on FMPy, and the co-simulation algorithm.
+
+Time is ``t_k = start_time + k*step_size`` with integer k, one multiplication in double, never a sum.
+
+Initialization: instances are created, start values set, fmi2SetupExperiment called, initialization mode entered.
+There the outputs are propagated along the connections, in the order of feedthrough, until nothing changes; so a
+controller's output at the start is computed from the plant's real start. Then initialization mode is left.
+
+Sequential order, at each communication point t_k:
+
+1. each instance that is due (k is a multiple of its step multiple n), in order, gets its inputs from the current
+   values; if any of its outputs depends directly on inputs, its outputs are read at once, so that whoever comes
+   later in the order sees them;
+2. all recorded variables are stored as row k: values at t_k, commands as they are applied from t_k on;
+3. each instance whose interval ends at t_k+1 steps over [t_k+1 - n*h, t_k+1] with the inputs latched at its
+   beginning, and its outputs are read. Outputs of a slower instance thus never appear early.
+
+The last point gets its inputs, its feedthrough and its row, too.
+
+Parallel order (Jacobi): in 1. all instances due get their inputs from the values after the last step, and nothing is
+read until all have stepped: one sample of delay for a controller.
+
+fmi2Warning is counted and logged, the run goes on. Any other status ends it: what was computed is kept in the
+error's ``result``. All instances are freed; after fmi2Fatal the standard forbids every further call, so that
+instance alone is left to the operating system.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DescriptionError, suggest
+from ..fmu.description import Value, Variable
+from ..result.result import Result
+from ..system.system import System
+from ..system.values import start_value
+from .instance import CallError, FmuInstance, value_references
+from .program import Program, make_program, same_program
+from .run import Progress, Run
+
+
+def simulate(
+    system: System,
+    *,
+    stop_time: float | None = None,
+    step_size: float | None = None,
+    order: str | list[str] | None = None,
+    progress: Progress | None = None,
+    debug: bool = False,
+) -> Result:
+    """Run ``system`` once. ``debug`` lets the FMUs log everything, not only what went wrong.
+
+    Raises DescriptionError, CallError (with ``result``), or Interrupted (with ``result``) on Ctrl-C.
+    """
+    if stop_time is not None or step_size is not None or order is not None:
+        system = system.changed(stop_time=stop_time, step_size=step_size, order=order)
+    with Simulation(system, debug=debug) as simulation:
+        return simulation.run(progress=progress)
+
+
+class Simulation:
+    """The loaded instances of a system, for one run or many::
+
+        with Simulation(system) as simulation:
+            for mass in (60.0, 70.0):
+                result = simulation.run(system.changed({"plant.m": mass}))
+
+    A context manager: instances exist between entering and leaving it.
+    """
+
+    def __init__(self, system: System, *, debug: bool = False) -> None:
+        self.system = system
+        self.debug = debug
+        self._slaves: list[FmuInstance] = []
+        self._fresh = True
+        self._program: tuple[System, Program] | None = None
+        self._saved: list[tuple[FmuInstance, Any]] = []
+        self._resources = contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free all instances and delete what was unpacked. Checkpoints end here, too."""
+        self._free_saved(self._saved)
+        for slave in self._slaves:
+            slave.free()
+        self._slaves.clear()
+        self._saved = []
+        self._program = None
+        self._resources.close()
+
+    def run(self, system: System | None = None, *, progress: Progress | None = None) -> Result:
+        """Run from the start, with another variant of the system if one is given (same instances of the same FMUs)."""
+        run = self._ready(self.system if system is None else system)
+        with _watching_for_interrupt() as interrupted:
+            return run.go(progress, interrupted)
+
+    def pause(self, time: float, system: System | None = None) -> Checkpoint:
+        """Run from the start to ``time`` and keep what there is, for ``resume``.
+
+        Needs FMUs that save their state (fmi2GetFMUstate). Raises DescriptionError for a time that is no communication
+        point of the run before its end, CallError.
+        """
+        system = self.system if system is None else system
+        point = _point(system, time, least=0)
+        run = self._ready(system)
+        with _watching_for_interrupt() as interrupted:
+            result = run.go(None, interrupted, end=point)
+        saved: list[tuple[FmuInstance, Any]] = []
+        try:
+            for slave in self._slaves:
+                saved.append((slave, slave.save()))
+        except CallError:
+            self._free_saved(saved)
+            raise
+        self._saved += saved
+        program = run.program
+        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.integers.copy())
+
+    def resume(
+        self,
+        checkpoint: Checkpoint,
+        changes: Mapping[str, object] | None = None,
+        *,
+        stop_time: float | None = None,
+        progress: Progress | None = None,
+    ) -> Result:
+        """Go on from a checkpoint of this simulation to ``stop_time`` (the system's if not given); rows from there on.
+
+        ``changes`` gives tunable parameters and unconnected inputs another value from the checkpoint on.
+        """
+        system = checkpoint.system
+        end = system.steps if stop_time is None else _point(system, stop_time)
+        if end <= checkpoint.point:
+            raise DescriptionError(f"stop time {stop_time} s is not after the checkpoint at {checkpoint.time:.9g} s.")
+        values = _changes(system, changes or {})
+        run = Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end)
+        self.restore(checkpoint)
+        run.program.values[:] = checkpoint.values
+        run.program.integers[:] = checkpoint.integers
+        with _watching_for_interrupt() as interrupted:
+            return run.go_on(values, progress, interrupted)
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Bring every instance back to where it was at ``checkpoint``."""
+        if not self._slaves:
+            raise DescriptionError("the simulation is closed. Use it in a with statement.")
+        for slave, state in checkpoint.saved:
+            slave.call("fmi2SetFMUstate", state)
+        self._fresh = False
+
+    def release(self, checkpoint: Checkpoint) -> None:
+        """Free the FMU states of a checkpoint before the simulation ends."""
+        self._saved = [entry for entry in self._saved if entry not in checkpoint.saved]
+        self._free_saved(checkpoint.saved)
+
+    def partial_derivatives(self, instance: str, unknowns: Sequence[str], knowns: Sequence[str]) -> NDArray[np.float64]:
+        """Partial derivatives of ``unknowns`` (rows) by ``knowns`` of an instance where it is now; SI units.
+
+        Needs an FMU with fmi2GetDirectionalDerivative; ``restore`` a checkpoint first. Raises CallError.
+        """
+        slave = self._slave(instance)
+        variables = slave.fmu.variables
+        rows = value_references([variables[name] for name in unknowns])
+        matrix = np.zeros((len(unknowns), len(knowns)))
+        found, seed = (ctypes.c_double * len(unknowns))(), (ctypes.c_double * 1)(1.0)
+        for column, name in enumerate(knowns):
+            reference = value_references([variables[name]])
+            slave.call("fmi2GetDirectionalDerivative", rows, len(unknowns), reference, 1, seed, found)
+            matrix[:, column] = found
+        return matrix
+
+    def value(self, instance: str, variable: str) -> float:
+        """The value of a numeric variable where its instance is now."""
+        slave = self._slave(instance)
+        return slave.get(slave.fmu.variables[variable])
+
+    def _slave(self, instance: str) -> FmuInstance:
+        for slave in self._slaves:
+            if slave.name == instance:
+                return slave
+        raise DescriptionError(f"no instance '{instance}'.{suggest(instance, (s.name for s in self._slaves))}")
+
+    def _ready(self, system: System) -> Run:
+        """A run from the start on instances as new."""
+        if not self._slaves:
+            raise DescriptionError("the simulation is closed. Use it in a with statement.")
+        if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
+            raise DescriptionError(f"{system.name}: not the instances of {self.system.name}. Make a new Simulation.")
+        run = Run(system, self._slaves, self._prepared(system))
+        if not self._fresh:
+            for slave in self._slaves:
+                slave.call("fmi2Reset")
+        self._fresh = False
+        return run
+
+    def _prepared(self, system: System) -> Program:
+        """The program of ``system``: that of the run before, if only start values and times differ."""
+        if self._program is None or not same_program(self._program[0], system):
+            self._program = system, make_program(system, self._slaves)
+        program = self._program[1]
+        program.values[:] = 0.0
+        program.integers[:] = 0
+        return program
+
+    @staticmethod
+    def _free_saved(saved: Sequence[tuple[FmuInstance, Any]]) -> None:
+        for slave, state in saved:
+            slave.forget(state)
+
+    def _open(self) -> None:
+        folders: dict[str, tuple[Path, Path]] = {}
+        for number, instance in enumerate(self.system.instances):
+            digest = instance.fmu.digest
+            if digest not in folders:
+                folder = Path(self._resources.enter_context(_temporary_folder()))
+                folders[digest] = folder, instance.fmu.extract(folder)
+            slave = FmuInstance(instance, *folders[digest], debug=self.debug)
+            self._slaves.append(slave)
+            slave.load(number)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run held at a communication point, from which ``Simulation.resume`` goes on any number of times."""
+
+    system: System
+    time: float
+    result: Result
+    """The rows before that point."""
+    point: int
+    saved: Sequence[tuple[FmuInstance, Any]]
+    values: NDArray[np.float64]
+    integers: NDArray[np.int32]
+
+
+def _point(system: System, time: float, *, least: int = 1) -> int:
+    """Number of the communication point at ``time``, ``least`` or later."""
+    steps = (time - float(system.start_time)) / float(system.step_size)
+    point = round(steps)
+    if abs(steps - point) > 1e-6 or not least <= point <= system.steps:
+        raise DescriptionError(
+            f"{system.name}: {time:.9g} s is no communication point of this run from {system.start_time} s "
+            f"to {system.stop_time} s. Take a whole number of steps of {system.step_size} s."
+        )
+    return point
+
+
+def _changes(system: System, changes: Mapping[str, object]) -> list[tuple[int, Variable, Value]]:
+    """Instance number, variable and value of what changes at a checkpoint."""
+    problems: list[str] = []
+    found: list[tuple[int, Variable, Value]] = []
+    names = [instance.name for instance in system.instances]
+    fed = {connection.target for connection in system.connections}
+    for path, given in changes.items():
+        name, _, variable_name = path.partition(".")
+        variable = system.variable(name, variable_name)
+        value, problem = start_value(variable, given)
+        if variable.causality != "input" and variable.variability != "tunable":
+            problems.append(f"{path}: a {variable.variability} {variable.causality} cannot change during a run.")
+        elif (name, variable_name) in fed:
+            problems.append(f"{path}: this input is connected; only unconnected ones can be changed.")
+        elif problem or value is None:
+            problems.append(f"{path}: {problem}")
+        else:
+            found.append((names.index(name), variable, value))
+    if problems:
+        raise DescriptionError(problems)
+    return found
+
+
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True)
+
+
+@contextlib.contextmanager
+def _watching_for_interrupt() -> Generator[Callable[[], bool]]:
+    """Ctrl-C sets a flag instead of raising, so that no instance is left half-stepped; a second one raises."""
+    if threading.current_thread() is not threading.main_thread() or (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    ):
+        yield lambda: False
+        return
+    pressed = threading.Event()
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if pressed.is_set():
+            signal.default_int_handler(number, frame)
+        pressed.set()
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

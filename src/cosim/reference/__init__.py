@@ -1,0 +1,1 @@
+"""Reference results inside FMUs: made, stored, replayed, drawn."""

@@ -1,0 +1,333 @@
+"""Figures of merit of recorded signals: tracking errors, step responses, circular tests.
+
+Every function takes plain arrays, one value a sample: ``time`` in s, other signals in any unit; a result has the unit
+of its signal unless its docstring says otherwise. Cut the arrays with ``window`` first where only a part counts. The
+position error is position minus reference, so a positive error leads a positive motion.
+
+Terms of circular tests are those of ISO 230-4: radial deviation F about the commanded centre, circular deviation G
+about the least-squares centre, circular hysteresis H between the two senses of rotation.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DescriptionError
+
+Array = NDArray[np.float64]
+
+
+QUADRANTS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
+"""Angles in rad at which an axis of a circular path reverses: +X, +Y, -X, -Y."""
+
+
+def _need(samples: Array, least: int = 1) -> None:
+    if samples.size < least:
+        raise DescriptionError(f"{samples.size} samples in the window: give one with at least {least}.")
+
+
+def window(time: Array, start: float = -math.inf, stop: float = math.inf) -> slice:
+    """The samples with start <= time <= stop, as a slice; ends count if they are within 1e-6 of a sample spacing.
+
+    Raises DescriptionError if there is none.
+    """
+    _need(time)
+    begin, end = float(time[0]), float(time[-1])
+    slack = 1e-6 * (end - begin) / max(time.size - 1, 1)
+    first = int(np.searchsorted(time, start - slack, side="left"))
+    last = int(np.searchsorted(time, stop + slack, side="right"))
+    if last <= first:
+        raise DescriptionError(
+            f"no sample from {start:g} s to {stop:g} s: the signal lasts from {begin:g} s to {end:g} s."
+        )
+    return slice(first, last)
+
+
+def max_abs(signal: Array) -> float:
+    """Largest magnitude."""
+    _need(signal)
+    return float(np.max(np.abs(signal)))
+
+
+def rms(signal: Array) -> float:
+    """Root of the mean square."""
+    peak = max_abs(signal)
+    return peak * float(np.sqrt(np.mean(np.square(signal / peak)))) if 0.0 < peak < math.inf else peak
+
+
+def std(signal: Array) -> float:
+    """Standard deviation about the mean, divided by the number of samples."""
+    peak = max_abs(signal)
+    return peak * float(np.std(signal / peak)) if 0.0 < peak < math.inf else peak
+
+
+def steady_value(time: Array, signal: Array, duration: float) -> float:
+    """Mean over the last ``duration`` seconds."""
+    return float(np.mean(signal[window(time, time[-1] - duration)]))
+
+
+def total_variation(time: Array, signal: Array) -> float:
+    """Sum of the changes' magnitudes divided by the length of the window: unit of the signal a second.
+
+    A smooth signal of amplitude A and frequency f has 4*A*f; chatter shows as a value orders of magnitude above.
+    """
+    _need(time, 2)
+    return float(np.sum(np.abs(np.diff(signal))) / (time[-1] - time[0]))
+
+
+def overshoot(signal: Array, start: float, final: float) -> float:
+    """How far ``signal`` goes beyond ``final`` on its way from ``start``; 0 if it never does."""
+    _need(signal)
+    return max(0.0, float(np.max((signal - final) * math.copysign(1.0, final - start))))
+
+
+def settling_time(time: Array, signal: Array, final: float, band: float, start: float = 0.0) -> float:
+    """Seconds from ``start`` to the first sample after which abs(signal - final) <= band holds to the end.
+
+    NaN if the last sample is outside the band: it has not settled.
+    """
+    _need(signal)
+    outside = np.flatnonzero(np.abs(signal - final) > band)
+    if outside.size == 0:
+        return float(time[0]) - start
+    if outside[-1] + 1 == signal.size:
+        return math.nan
+    return float(time[outside[-1] + 1]) - start
+
+
+def rise_time(time: Array, signal: Array, *, start: float, final: float, low: float = 0.1, high: float = 0.9) -> float:
+    """Seconds between the first crossings of the fractions ``low`` and ``high`` of the way from start to final.
+
+    Crossings are interpolated between samples; NaN if ``high`` is never reached.
+    """
+    way = (signal - start) / (final - start)
+
+    def crossing(level: float) -> float:
+        above = np.flatnonzero(way >= level)
+        if above.size == 0:
+            return math.nan
+        k = int(above[0])
+        if k == 0:
+            return float(time[0])
+        return float(time[k - 1] + (level - way[k - 1]) / (way[k] - way[k - 1]) * (time[k] - time[k - 1]))
+
+    return crossing(high) - crossing(low)
+
+
+def reversal_times(time: Array, reference: Array) -> Array:
+    """Times in s at which the motion of ``reference`` changes its sense; a rest in between counts as one reversal.
+
+    The time is that of the extreme sample, the last one of a rest.
+    """
+    step = np.diff(reference)
+    moving = np.flatnonzero(step)
+    turned = np.flatnonzero(np.signbit(step[moving[1:]]) != np.signbit(step[moving[:-1]]))
+    return time[moving[turned + 1]]
+
+
+class ReversalPeak(NamedTuple):
+    """The error's peak after one velocity reversal."""
+
+    time: float
+    """Time of the reversal, s."""
+    peak: float
+    """Error of largest magnitude in the first half of the way to the next reversal, signed."""
+    delay: float
+    """Seconds from the reversal to the peak."""
+    decay: float
+    """Seconds from the reversal until the magnitude stays, to the end of that half, below the base plus a tenth of
+    the peak's height above it; NaN if it does not."""
+    base: float
+    """Median magnitude of the error between this reversal and the next."""
+
+
+def reversal_peaks(time: Array, error: Array, reference: Array) -> list[ReversalPeak]:
+    """Peaks of ``error`` after the reversals of ``reference``.
+
+    Only the first half of the way to the next reversal counts as after it; the second half leads up to the next. The
+    last reversal has no next one: it counts if as much time as the shortest way before it was recorded.
+    """
+    times = reversal_times(time, reference)
+    if times.size < 2:
+        return []
+    shortest = float(np.min(np.diff(times)))
+    ends = [*(float(after) for after in times[1:]), float(times[-1]) + shortest]
+    peaks: list[ReversalPeak] = []
+    for begin, end in zip((float(at) for at in times), ends, strict=True):
+        if end > float(time[-1]) + 1e-6 * shortest:
+            break
+        base = float(np.median(np.abs(error[window(time, begin, end)])))
+        half = window(time, begin, 0.5 * (begin + end))
+        magnitude = np.abs(error[half])
+        top = int(np.argmax(magnitude))
+        outside = np.flatnonzero(magnitude > base + 0.1 * (magnitude[top] - base))
+        settled = int(outside[-1]) + 1 if outside.size else 0
+        peaks.append(
+            ReversalPeak(
+                time=begin,
+                peak=float(error[half][top]),
+                delay=float(time[half][top]) - begin,
+                decay=float(time[half][settled]) - begin if settled < magnitude.size else math.nan,
+                base=base,
+            )
+        )
+    return peaks
+
+
+def sine_amplitude(time: Array, signal: Array, frequency: float) -> float:
+    """Amplitude of the component at ``frequency`` Hz (least squares with a constant), over the given samples."""
+    _need(time, 3)
+    angle = 2.0 * math.pi * frequency * time
+    basis = np.column_stack((np.sin(angle), np.cos(angle), np.ones_like(time)))
+    solution = np.linalg.lstsq(basis, signal, rcond=None)[0]
+    return float(np.hypot(solution[0], solution[1]))
+
+
+# Two axes: a circular path sampled at x, y.
+
+
+def radial_deviation(x: Array, y: Array, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
+    """Distance from ``centre`` minus ``radius``, one value a sample: what a double ball bar shows (F of ISO 230-4)."""
+    return np.hypot(x - centre[0], y - centre[1]) - radius
+
+
+def least_squares_circle(x: Array, y: Array) -> tuple[float, float, float]:
+    """Centre x, y and radius of the circle with the least sum of squared radial distances.
+
+    Gauss-Newton from the algebraic fit; six steps end far below rounding for a path near a circle.
+    Raises DescriptionError for fewer than three samples.
+    """
+    _need(x, 3)
+    x_mean, y_mean = float(np.mean(x)), float(np.mean(y))
+    u, v = x - x_mean, y - y_mean
+    ones = np.ones_like(u)
+    a, b, c = np.linalg.lstsq(np.column_stack((2.0 * u, 2.0 * v, ones)), u * u + v * v, rcond=None)[0]
+    u_c, v_c = float(a), float(b)
+    radius = math.sqrt(float(c) + u_c**2 + v_c**2)
+    for _ in range(6):
+        distance = np.hypot(u - u_c, v - v_c)
+        jacobian = np.column_stack(((u_c - u) / distance, (v_c - v) / distance, -ones))
+        correction = np.linalg.lstsq(jacobian, radius - distance, rcond=None)[0]
+        u_c, v_c, radius = u_c + float(correction[0]), v_c + float(correction[1]), radius + float(correction[2])
+    return x_mean + u_c, y_mean + v_c, radius
+
+
+def circular_deviation(x: Array, y: Array) -> float:
+    """G of ISO 230-4: largest minus smallest distance from the least-squares centre. Give one turn."""
+    x_c, y_c, _ = least_squares_circle(x, y)
+    distance = np.hypot(x - x_c, y - y_c)
+    return float(np.max(distance) - np.min(distance))
+
+
+def circular_hysteresis(
+    angle_one: Array, deviation_one: Array, angle_other: Array, deviation_other: Array, steps: int = 1800
+) -> float:
+    """H of ISO 230-4: largest difference of the radial deviations of two turns in opposite senses.
+
+    Angles in rad in the plane, each turn complete and in either order; compared at ``steps`` equal angles.
+    """
+    grid = np.linspace(0.0, 2.0 * math.pi, steps, endpoint=False, dtype=np.float64)
+    difference = resample_turn(angle_one, deviation_one, grid) - resample_turn(angle_other, deviation_other, grid)
+    return max_abs(difference)
+
+
+def resample_turn(angle: Array, deviation: Array, grid: Array) -> Array:
+    """``deviation`` interpolated at the angles ``grid`` (rad), continued over the ends of the turn."""
+    return np.interp(grid, np.mod(angle, 2.0 * math.pi), deviation, period=2.0 * math.pi)
+
+
+def _sector(angle: Array, axis: float, low: float, high: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Angles in rad relative to ``axis`` in -pi...pi, and which of them are in low...high (degrees)."""
+    relative = np.mod(angle - axis + math.pi, 2.0 * math.pi) - math.pi
+    inside = (relative >= math.radians(low)) & (relative <= math.radians(high))
+    if not np.any(inside):
+        raise DescriptionError(
+            f"no sample from {low:g} to {high:g} deg about {math.degrees(axis):g} deg: give one turn."
+        )
+    return relative, inside
+
+
+def quadrant_spikes(angle: Array, deviation: Array) -> tuple[float, float, float, float]:
+    """Reversal spikes after 0, 90, 180, 270 deg: the radial deviation farthest from the turn's median, minus it.
+
+    ``angle`` in rad, growing along the motion (give the angle travelled, so that both senses read alike). Each spike
+    is looked for from 2 deg before to 15 deg after its axis.
+    """
+    median = float(np.median(deviation))
+    spikes: list[float] = []
+    for axis in QUADRANTS:
+        _, inside = _sector(angle, axis, -2.0, 15.0)
+        off = deviation[inside] - median
+        spikes.append(float(off[np.argmax(np.abs(off))]))
+    return spikes[0], spikes[1], spikes[2], spikes[3]
+
+
+def reversal_values(angle: Array, deviation: Array) -> tuple[float, float, float, float]:
+    """Steps of the radial deviation at 0, 90, 180, 270 deg, which lost motion of the reversing axis leaves behind.
+
+    The error of each axis enters the deviation with the cosine or sine of the angle, so a*cos + b*sin is fitted 33 to
+    15 deg before and after the axis and compared on it: neither a spike nor a centre offset counts. ``angle`` in rad,
+    growing along the motion.
+    """
+    steps: list[float] = []
+    for axis in QUADRANTS:
+        sides: list[float] = []
+        for low, high in ((-33.0, -15.0), (15.0, 33.0)):
+            relative, inside = _sector(angle, axis, low, high)
+            basis = np.column_stack((np.cos(relative[inside]), np.sin(relative[inside])))
+            sides.append(float(np.linalg.lstsq(basis, deviation[inside], rcond=None)[0][0]))
+        steps.append(sides[1] - sides[0])
+    return steps[0], steps[1], steps[2], steps[3]
+
+
+class CircularTest(NamedTuple):
+    """One turn of a circular test; lengths in the unit of the path."""
+
+    circular_deviation: float
+    """G, about the least-squares centre."""
+    radial_max: float
+    """F_max, largest radial deviation about the commanded centre."""
+    radial_min: float
+    """F_min, smallest radial deviation about the commanded centre."""
+    radial_mean: float
+    """Mean radial deviation about the commanded centre."""
+    spikes: tuple[float, float, float, float]
+    """``quadrant_spikes`` at 0, 90, 180, 270 deg."""
+    reversals: tuple[float, float, float, float]
+    """``reversal_values`` at 0, 90, 180, 270 deg."""
+    angle: Array
+    """Commanded angle travelled, rad, from the turn's begin."""
+    deviation: Array
+    """Radial deviation, one value a sample."""
+
+
+def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: float, turn: int = 2) -> CircularTest:
+    """The figures of a turn (1 is the first) of a path commanded as a circle of ``radius`` about the origin.
+
+    The angle is that of the commanded point and counts from its first sample's axis, growing along the motion.
+    Raises DescriptionError if the path has not that many turns.
+    """
+    angle = np.unwrap(np.arctan2(y_ref, x_ref))
+    travelled = (angle - angle[0]) * math.copysign(1.0, float(angle[-1] - angle[0]))
+    begin, end = 2.0 * math.pi * (turn - 1), 2.0 * math.pi * turn
+    slack = 1e-9
+    if float(travelled[-1]) < end - 2.0 * math.pi / 1800.0:
+        turns = float(travelled[-1]) / (2.0 * math.pi)
+        raise DescriptionError(f"the path has {turns:.3g} turns, turn {turn} is wanted: give a longer stop time.")
+    part = (travelled >= begin - slack) & (travelled < end - slack)
+    deviation = radial_deviation(x[part], y[part], radius)
+    local = travelled[part] - begin
+    return CircularTest(
+        circular_deviation=circular_deviation(x[part], y[part]),
+        radial_max=float(np.max(deviation)),
+        radial_min=float(np.min(deviation)),
+        radial_mean=float(np.mean(deviation)),
+        spikes=quadrant_spikes(local, deviation),
+        reversals=reversal_values(local, deviation),
+        angle=local,
+        deviation=deviation,
+    )

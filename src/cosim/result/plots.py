@@ -1,0 +1,398 @@
+"""Pictures of recorded signals, written as PNG (or what the file's ending says) without a display.
+
+Values come in SI; axes are labelled in the display unit that suits their size. Colours are those of Okabe and Ito,
+which colour-blind readers tell apart, in a fixed order: give the same thing the same place in every picture.
+Long signals are drawn as their envelope, so no peak is lost. matplotlib is loaded when the first picture is drawn.
+"""
+
+# matplotlib leaves the types of its keyword arguments open:
+# pyright: reportUnknownMemberType=false
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from ..errors import DescriptionError
+from ..units import conversion
+from .metrics import Array, max_abs
+from .summary import Loop, Recorded, loops
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
+"""Line colours in order (Okabe and Ito 2008, yellow left out: it is pale on white)."""
+
+
+POINTS = 4000
+"""A signal with more samples is drawn as the envelope over this many columns."""
+
+
+_DISPLAY = {
+    "m": ("mm", "um", "nm"),
+    "m/s": ("m/s", "mm/s", "um/s"),
+    "rad": ("rad", "mrad", "urad"),
+    "s": ("s", "ms", "us"),
+    "N": ("kN", "N", "mN", "uN"),
+    "A": ("A", "mA"),
+    "V": ("V", "mV"),
+}
+
+
+_STYLE: dict[str, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.dpi": 130.0,
+    "savefig.dpi": 130.0,
+}
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line: ``y`` over ``x`` in the units of its panel."""
+
+    label: str
+    x: Array
+    y: Array
+    colour: int | None = None
+    """Place in ``COLOURS``; that of the line in its panel if not given."""
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes: a quantity, its SI unit and its lines."""
+
+    quantity: str
+    unit: str
+    series: tuple[Series, ...]
+    log: bool = False
+    limit: float | None = None
+    """The axis ends at plus and minus this; what is cut off is told above the panel."""
+    heading: str = ""
+    """Said above the panel, on the left."""
+
+
+def display_unit(unit: str, peak: float) -> tuple[str, float]:
+    """Unit to show values of SI ``unit`` up to ``peak`` in, and the factor to it.
+
+    The largest unit of all if the peak is 1 or more in it, else the largest with a peak of at least 0.1; a unit
+    without smaller ones is kept.
+    """
+    choice = unit
+    for i, candidate in enumerate(_DISPLAY.get(unit, ())):
+        choice = candidate
+        if peak * conversion(unit, candidate) >= (0.1 if i else 1.0):
+            break
+    if peak == 0.0 or not math.isfinite(peak):
+        choice = next(iter(_DISPLAY.get(unit, (unit,))))
+    return choice, conversion(unit, choice)
+
+
+def typeset(unit: str) -> str:
+    """A unit as it stands in a picture: ``N.m`` as N·m, ``m/s2`` as m/s², ``um`` as µm."""
+    unit = re.sub(r"(?<=[a-z)])(\d+\.\d+)", lambda match: "^" + match.group(1).replace(".", ","), unit, flags=re.I)
+    unit = re.sub(r"(?<=[a-z)])([23])", lambda match: "²³"[int(match.group(1)) - 2], unit, flags=re.I)
+    return re.sub(r"\bu(?=m\b|s\b|N\b|rad\b)", "µ", unit.replace(".", "·")).replace(",", ".")
+
+
+def envelope(x: Array, y: Array, columns: int = POINTS) -> tuple[Array, Array]:
+    """At most 2 * ``columns`` points with the smallest and largest ``y`` of each of as many equal runs of samples.
+
+    Both extremes keep their place and order in ``x``; shorter signals come back unchanged.
+    """
+    if x.size <= 2 * columns:
+        return x, y
+    width = -(-x.size // columns)
+    whole = x.size // width * width
+    rows = y[:whole].reshape(-1, width)
+    first = np.arange(len(rows)) * width
+    index = np.sort(np.column_stack((first + rows.argmin(axis=1), first + rows.argmax(axis=1))), axis=1).ravel()
+    if whole < x.size:
+        rest = y[whole:]
+        index = np.append(index, np.sort([whole + int(rest.argmin()), whole + int(rest.argmax())]))
+    return x[index], y[index]
+
+
+def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) -> None:
+    """Write the picture that ``draw`` makes, ``size`` in inches. Raises DescriptionError if it cannot be written."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(cast(Any, _STYLE)):
+        figure = Figure(figsize=size, layout="constrained")
+        FigureCanvasAgg(figure)
+        draw(figure)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path)
+        except (OSError, ValueError) as error:
+            raise DescriptionError(f"picture {path}: {error}") from error
+
+
+def _peak(arrays: Sequence[Array]) -> float:
+    finite = [float(np.max(np.abs(part))) for array in arrays if (part := array[np.isfinite(array)]).size]
+    return max(finite, default=0.0)
+
+
+def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
+    x_factor = display_unit(x_unit, _peak([series.x for series in panel.series]))[1]
+    peak = _peak([series.y for series in panel.series])
+    cut = panel.limit is not None and peak > panel.limit > 0.0
+    unit, factor = display_unit(panel.unit, panel.limit if cut and panel.limit else peak)
+    for i, series in enumerate(panel.series):
+        x, y = envelope(series.x, series.y)
+        axes.plot(
+            x * x_factor,
+            y * factor,
+            color=COLOURS[(i if series.colour is None else series.colour) % len(COLOURS)],
+            linestyle="--" if series.dashed else "-",
+            label=series.label,
+        )
+    if panel.log:
+        axes.set_yscale("log")
+    if cut and panel.limit:
+        axes.set_ylim(-panel.limit * factor, panel.limit * factor)
+        axes.set_title(f"cut off: up to {peak * factor:.3g} {typeset(unit)}", fontsize=8.0, color="#666666")
+    axes.set_ylabel(f"{panel.quantity} [{typeset(unit)}]" if unit != "1" else panel.quantity)
+    axes.margins(x=0.0)
+    if panel.heading:
+        axes.set_title(panel.heading, loc="left")
+    if len(panel.series) > 1:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=min(len(panel.series), 4), borderaxespad=0.0)
+    elif panel.series and panel.series[0].label:
+        axes.set_title(panel.series[0].label)
+
+
+def plot_panels(
+    path: Path,
+    panels: Sequence[Panel],
+    *,
+    title: str = "",
+    columns: int = 1,
+    x_quantity: str = "Time",
+    x_unit: str = "s",
+) -> None:
+    """Panels under each other (row by row if there are more ``columns``), all over the same quantity.
+
+    A panel of one line carries the line's label as its title, one of several lines a legend.
+    """
+    if not panels:
+        raise DescriptionError(f"picture {path}: nothing to draw.")
+    rows = math.ceil(len(panels) / columns)
+
+    def draw(figure: Figure) -> None:
+        if title:
+            figure.suptitle(title, fontsize=10.0)
+        column_tops: list[Axes] = []
+        for i, panel in enumerate(panels):
+            share = column_tops[i % columns] if i >= columns else None
+            axes = figure.add_subplot(rows, columns, i + 1, sharex=share)
+            if share is None:
+                column_tops.append(axes)
+            _draw_panel(axes, panel, x_unit)
+            if i + columns >= len(panels):
+                peak = _peak([series.x for series in panel.series])
+                unit = display_unit(x_unit, peak)[0]
+                axes.set_xlabel(f"{x_quantity} [{typeset(unit)}]" if unit != "1" else x_quantity)
+            else:
+                axes.tick_params(labelbottom=False)
+
+    save(path, draw, (7.2 if columns == 1 else 4.6 * columns, 0.6 + 1.75 * rows))
+
+
+def plot_run(result: Recorded, path: Path) -> None:
+    """What a run did: reference and position, error and command of every loop; without a loop, all of the record.
+
+    The error's axis suits the second half of the run: a start that goes far beyond it is cut off, and said to be.
+    """
+    panels: list[Panel] = []
+    found = loops(result)
+    if found:
+        one = len(found) == 1
+
+        def name(loop: Loop, text: str) -> str:
+            return text if one else f"{loop.name} {text}".rstrip()
+
+        panels.append(
+            Panel(
+                "Position",
+                result.unit(found[0].position),
+                tuple(
+                    series
+                    for i, loop in enumerate(found)
+                    for series in (
+                        Series(name(loop, "position"), result.time, result[loop.position], 2 * i),
+                        Series(name(loop, "reference"), result.time, result[loop.reference], 2 * i + 1, dashed=True),
+                    )
+                ),
+            )
+        )
+        errors = tuple(Series(name(loop, ""), result.time, loop.error(result), 2 * i) for i, loop in enumerate(found))
+        settled = 1.5 * max(max_abs(series.y[series.y.size // 2 :]) for series in errors)
+        limit = settled if _peak([series.y for series in errors]) > 4.0 * settled else None
+        panels.append(Panel("Error", result.unit(found[0].position), errors, limit=limit))
+        for unit in dict.fromkeys(result.unit(loop.command) for loop in found if loop.command):
+            panels.append(
+                Panel(
+                    "Command",
+                    unit,
+                    tuple(
+                        Series(name(loop, ""), result.time, result[loop.command], 2 * i)
+                        for i, loop in enumerate(found)
+                        if loop.command and result.unit(loop.command) == unit
+                    ),
+                )
+            )
+    else:
+        for unit in dict.fromkeys(result.unit(name) for name in result.names):
+            members = tuple(
+                Series(name, result.time, result[name]) for name in result.names if result.unit(name) == unit
+            )
+            panels.append(Panel("Value", unit, members))
+    plot_panels(path, panels)
+
+
+def plot_errors(path: Path, errors: Mapping[str, tuple[Array, Array]], *, title: str = "", unit: str = "m") -> None:
+    """The errors of several runs, label -> (time, error), one panel each over the same time axis."""
+    panels = [
+        Panel("Error", unit, (Series(label, time, error, i),))
+        for i, (label, (time, error)) in enumerate(errors.items())
+    ]
+    plot_panels(path, panels, title=title)
+
+
+def plot_phase_plane(
+    path: Path,
+    series: Sequence[Series],
+    *,
+    x: tuple[str, str] = ("Error", "m"),
+    y: tuple[str, str] = ("Error rate", "m/s"),
+    title: str = "",
+) -> None:
+    """Trajectories of one quantity over another, (name, SI unit) each; a dot marks where each line ends."""
+    x_unit, x_factor = display_unit(x[1], _peak([line.x for line in series]))
+    y_unit, y_factor = display_unit(y[1], _peak([line.y for line in series]))
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        axes.axhline(0.0, color="#888888", linewidth=0.6)
+        axes.axvline(0.0, color="#888888", linewidth=0.6)
+        for i, line in enumerate(series):
+            colour = COLOURS[(i if line.colour is None else line.colour) % len(COLOURS)]
+            axes.plot(
+                line.x * x_factor,
+                line.y * y_factor,
+                color=colour,
+                label=line.label,
+                linestyle="--" if line.dashed else "-",
+            )
+            axes.plot(line.x[-1:] * x_factor, line.y[-1:] * y_factor, "o", color=colour, markersize=4.0)
+        axes.set_xlabel(f"{x[0]} [{typeset(x_unit)}]")
+        axes.set_ylabel(f"{y[0]} [{typeset(y_unit)}]")
+        axes.set_title(title)
+        if len(series) > 1:
+            axes.legend()
+
+    save(path, draw, (4.8, 4.2))
+
+
+@dataclass(frozen=True)
+class Polar:
+    """One double-ball-bar picture: radial deviations in m over the commanded angle in rad, circle of ``radius`` m."""
+
+    title: str
+    radius: float
+    series: tuple[Series, ...]
+    magnification: float | None = None
+    """How many times larger deviations are drawn than the radius; None chooses 1, 2 or 5 times a power of ten."""
+
+
+def magnification(radius: float, deviation: float) -> float:
+    """The largest 1, 2 or 5 times a power of ten that draws ``deviation`` no larger than 0.35 of ``radius``."""
+    if deviation == 0.0:
+        return 1.0
+    wanted = 0.35 * radius / deviation
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+
+
+def plot_polar(path: Path, plots: Sequence[Polar], *, title: str = "") -> None:
+    """Polar error plots side by side: a point is drawn at radius + magnification*deviation in its commanded direction.
+
+    The heavy circle is the commanded path; the rings are labelled with the deviation they stand for.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    if not plots:
+        raise DescriptionError(f"picture {path}: nothing to draw.")
+
+    def draw(figure: Figure) -> None:
+        if title:
+            figure.suptitle(title, fontsize=10.0)
+        for i, plot in enumerate(plots):
+            peak = _peak([series.y for series in plot.series])
+            scale = plot.magnification or magnification(plot.radius, peak)
+            unit, factor = display_unit("m", peak)
+            gain = scale / (plot.radius * factor)  # display unit -> radii
+            axes = figure.add_subplot(1, len(plots), i + 1)
+            axes.set_aspect("equal")
+            axes.set_axis_off()
+            turn = np.linspace(0.0, 2.0 * math.pi, 721)
+            rings = MaxNLocator(nbins=5, symmetric=True).tick_values(-peak * factor, peak * factor)
+            edge = 1.0 + 1.08 * gain * float(max(rings[-1], peak * factor))
+            for ring in rings:
+                r = 1.0 + gain * float(ring)
+                if r <= 0.0:
+                    continue
+                commanded = abs(ring) < 1e-9 * rings[-1]
+                axes.plot(
+                    r * np.cos(turn),
+                    r * np.sin(turn),
+                    color="#444444" if commanded else "#CCCCCC",
+                    linewidth=1.0 if commanded else 0.6,
+                )
+                at = r * math.sqrt(0.5)
+                box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
+                axes.text(at, at, f"{ring:g}", fontsize=6.5, ha="center", va="center", bbox=box, zorder=5)
+            for x, y, name in ((1, 0, "+X"), (0, 1, "+Y"), (-1, 0, "-X"), (0, -1, "-Y")):
+                axes.plot((0, x * edge), (0, y * edge), color="#CCCCCC", linewidth=0.6)
+                axes.text(1.06 * x * edge, 1.06 * y * edge, name, ha="center", va="center")
+            for j, series in enumerate(plot.series):
+                r = 1.0 + gain * factor * np.append(series.y, series.y[:1])
+                angle = np.append(series.x, series.x[:1])
+                axes.plot(
+                    r * np.cos(angle),
+                    r * np.sin(angle),
+                    color=COLOURS[(j if series.colour is None else series.colour) % len(COLOURS)],
+                    linestyle="--" if series.dashed else "-",
+                    label=series.label,
+                )
+            axes.set_title(
+                f"{plot.title}\nradius {plot.radius * 1e3:g} mm, deviation x {scale:,.0f}, rings in {typeset(unit)}",
+                loc="center",
+            )
+            if len(plot.series) > 1:
+                axes.legend(loc="center", facecolor="white", frameon=True, edgecolor="none")
+
+    save(path, draw, (4.2 * len(plots) + 0.2, 4.8))

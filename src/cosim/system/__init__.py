@@ -1,0 +1,1 @@
+"""From a file (TOML, SSP) to a checked System, and back."""

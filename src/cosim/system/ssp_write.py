@@ -1,0 +1,210 @@
+"""Systems as SSP 1.0 (System Structure and Parameterization): what other tools read, with the FMUs inside.
+
+``write_ssp`` packs a checked system; ``read_ssp`` gives the document of an .ssp or .ssd for ``make_system``. What SSP
+has no word for (communication step size, order, step multiples, record) stands in annotations of type
+``motion-cosim``; readers that do not know them use the rest.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+from urllib.parse import quote
+from xml.etree import ElementTree
+
+from ..errors import DescriptionError
+from ..fmu.description import Fmu, Value, Variable
+from ..fmu.xml import document
+from ..units import BASE_UNITS
+from .ssp_names import ANNOTATION, NAMESPACES, tag
+
+if TYPE_CHECKING:
+    from .system import System
+
+
+PARAMETER_SET = "start"
+"""Name of every parameter set: some importers apply only those of a name they are told."""
+
+
+GENERATION_DATE = "2026-01-01T00:00:00Z"
+"""Fixed, so that equal systems give equal bytes."""
+
+
+# ---- writing ----
+
+
+def write_ssp(system: System, target: str | Path) -> Path:
+    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises DescriptionError."""
+    target = Path(target)
+    files = resource_names(system)
+    description = structure(system, {path: f"resources/{name}" for path, name in files.items()})
+    partial = target.with_name(f"{target.name}.{os.getpid()}.part")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with zipfile.ZipFile(partial, "w") as archive:
+            _add(archive, "SystemStructure.ssd", description, zipfile.ZIP_DEFLATED)
+            for path, name in sorted(files.items(), key=lambda item: item[1]):
+                _add(archive, f"resources/{name}", path.read_bytes(), zipfile.ZIP_STORED)
+        partial.replace(target)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise DescriptionError(f"{target}: cannot be written ({error.strerror}).") from None
+    return target
+
+
+def _add(archive: zipfile.ZipFile, name: str, content: bytes, method: int) -> None:
+    entry = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))
+    entry.create_system = 3
+    entry.external_attr = 0o644 << 16
+    entry.compress_type = method
+    archive.writestr(entry, content)
+
+
+def resource_names(system: System) -> dict[Path, str]:
+    """A file name for each FMU of the system; different FMUs of one name are told apart by a number."""
+    names: dict[Path, str] = {}
+    taken: set[str] = set()
+    for instance in system.instances:
+        path = instance.fmu.path
+        if path in names:
+            continue
+        name, number = path.name, 1
+        while name.lower() in taken:
+            number += 1
+            name = f"{path.stem}_{number}.fmu"
+        taken.add(name.lower())
+        names[path] = name
+    return names
+
+
+def structure(system: System, sources: Mapping[Path, str]) -> bytes:
+    """SystemStructure.ssd of a system; ``sources`` gives the URI of each FMU file relative to it."""
+    for prefix, uri in NAMESPACES.items():
+        ElementTree.register_namespace(prefix, uri)
+    root = ElementTree.Element(
+        tag("ssd:SystemStructureDescription"),
+        {
+            "version": "1.0",
+            "name": _stem(system.name),
+            "generationTool": "motion-cosim",
+            "generationDateAndTime": GENERATION_DATE,
+        },
+    )
+    if system.description:
+        root.set("description", system.description)
+    top = _sub(root, "ssd:System", name="system")
+    elements = _sub(top, "ssd:Elements")
+    units: dict[str, Fmu] = {}
+    for instance in system.instances:
+        fmu = instance.fmu
+        component = _sub(
+            elements,
+            "ssd:Component",
+            name=instance.name,
+            type="application/x-fmu-sharedlibrary",
+            source=quote(sources[fmu.path]),
+            implementation="CoSimulation",
+        )
+        if fmu.text:
+            component.set("description", fmu.text)
+        connectors = _sub(component, "ssd:Connectors")
+        for name in (*fmu.inputs, *fmu.outputs):
+            variable = fmu.variables[name]
+            connector = _sub(connectors, "ssd:Connector", name=name, kind=variable.causality)
+            _type(connector, variable, fmu, units)
+        if instance.start:
+            bindings = _sub(component, "ssd:ParameterBindings")
+            values = _sub(_sub(bindings, "ssd:ParameterBinding"), "ssd:ParameterValues")
+            values.append(parameter_set(fmu, instance.start))
+        if instance.step_multiple != 1:
+            holder = _sub(component, "ssd:Annotations")
+            own = _sub(holder, "ssc:Annotation", type=ANNOTATION)
+            _sub(own, "cosim:Instance", stepMultiple=str(instance.step_multiple))
+            hint = _sub(holder, "ssc:Annotation", type="com.opensimulationplatform")
+            _sub(hint, "osp:StepSizeHint", value=str(system.step_size * instance.step_multiple))
+    connections = _sub(top, "ssd:Connections")
+    for connection in system.connections:
+        element = _sub(
+            connections,
+            "ssd:Connection",
+            startElement=connection.source[0],
+            startConnector=connection.source[1],
+            endElement=connection.target[0],
+            endConnector=connection.target[1],
+        )
+        if connection.factor != 1.0 or connection.offset != 0.0:
+            element.set("suppressUnitConversion", "true")
+            factor, offset = repr(connection.factor), repr(connection.offset)
+            _sub(element, "ssc:LinearTransformation", factor=factor, offset=offset)
+    if not system.connections:
+        top.remove(connections)
+    # OMSimulator reads no system that does not name its master, and takes a tolerance left out as 0.
+    holder = _sub(_sub(_sub(top, "ssd:Annotations"), "ssc:Annotation", type="org.openmodelica"), "oms:Annotations")
+    tolerance = "1e-8" if system.tolerance is None else repr(system.tolerance)
+    master = {"description": "oms-ma", "stepSize": str(system.step_size), "relativeTolerance": tolerance}
+    _sub(_sub(holder, "oms:SimulationInformation"), "oms:FixedStepMaster", **master)
+    _units(root, "ssd:Units", units)
+    experiment = _sub(root, "ssd:DefaultExperiment", startTime=str(system.start_time), stopTime=str(system.stop_time))
+    holder = _sub(experiment, "ssd:Annotations")
+    algorithm = _sub(_sub(holder, "ssc:Annotation", type="com.opensimulationplatform"), "osp:Algorithm")
+    _sub(algorithm, "osp:FixedStepAlgorithm", baseStepSize=str(system.step_size))
+    own = _sub(_sub(holder, "ssc:Annotation", type=ANNOTATION), "cosim:Experiment", stepSize=str(system.step_size))
+    own.set("order", system.order if isinstance(system.order, str) else " ".join(system.order))
+    if system.tolerance is not None:
+        own.set("tolerance", repr(system.tolerance))
+    record = _sub(own, "cosim:Record", decimation=str(system.decimation))
+    for name, variable in system.record:
+        _sub(record, "cosim:Variable", name=f"{name}.{variable}")
+    return document(root)
+
+
+def parameter_set(fmu: Fmu, start: Mapping[str, Value]) -> ElementTree.Element:
+    """An SSV ParameterSet. Enumerations are written as Integer, the form that all importers read."""
+    root = ElementTree.Element(tag("ssv:ParameterSet"), {"version": "1.0", "name": PARAMETER_SET})
+    parameters = _sub(root, "ssv:Parameters")
+    units: dict[str, Fmu] = {}
+    for name, value in start.items():
+        variable = fmu.variables[name]
+        kind = "Integer" if variable.type == "Enumeration" else variable.type
+        text = str(value).lower() if isinstance(value, bool) else str(value) if isinstance(value, str) else repr(value)
+        element = _sub(_sub(parameters, "ssv:Parameter", name=name), f"ssv:{kind}", value=text)
+        if kind == "Real" and variable.unit in fmu.base_units:
+            element.set("unit", cast(str, variable.unit))
+            units[cast(str, variable.unit)] = fmu
+    _units(root, "ssv:Units", units)
+    return root
+
+
+def _stem(name: str) -> str:
+    return Path(name).stem or "system"
+
+
+def _sub(parent: ElementTree.Element, element: str, /, **attributes: str) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, tag(element), attributes)
+
+
+def _type(connector: ElementTree.Element, variable: Variable, fmu: Fmu, units: dict[str, Fmu]) -> None:
+    kind = "Integer" if variable.type == "Enumeration" else variable.type
+    element = _sub(connector, f"ssc:{kind}")
+    if kind == "Real" and variable.unit in fmu.base_units:
+        element.set("unit", cast(str, variable.unit))
+        units.setdefault(cast(str, variable.unit), fmu)
+
+
+def _units(root: ElementTree.Element, tag: str, units: Mapping[str, Fmu]) -> None:
+    if not units:
+        return
+    definitions = _sub(root, tag)
+    for name in sorted(units):
+        factor, offset, *exponents = units[name].base_units[name]
+        base = _sub(_sub(definitions, "ssc:Unit", name=name), "ssc:BaseUnit")
+        for symbol, exponent in zip(BASE_UNITS, exponents, strict=True):
+            if exponent:
+                base.set(symbol, str(int(exponent)))
+        if factor != 1.0:
+            base.set("factor", repr(factor))
+        if offset != 0.0:
+            base.set("offset", repr(offset))

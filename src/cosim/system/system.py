@@ -1,0 +1,191 @@
+"""A system: FMU instances, their start values and connections, and the experiment, read and checked.
+
+A system file is TOML::
+
+    base = "common.toml"                      # optional: a file of the same folder that this one completes
+    description = "Two lags in a row"
+    connections = [
+        "source.position -> controller.position_ref",
+        { from = "controller.command", to = "plant.command", factor = 628.3, offset = 0.0 },
+    ]
+
+    [experiment]
+    start_time = 0.0
+    stop_time = 10.0
+    step_size = 1e-4
+    order = ["source", "controller", "plant"]  # or "sequential" (default: derived), or "parallel"
+    tolerance = 1e-6                           # optional, told to every FMU
+
+    [instances.plant]
+    fmu = "BallscrewStage"                     # in the FMU folder; or a path to an .fmu, relative to this file
+    start = { m = 62.4, kind = "sine", "nct.error" = [0.0, 1e-6] }
+    step_multiple = 1                          # doStep every this many communication steps
+
+    [record]
+    variables = ["plant.position", "controller.*"]   # default: all outputs of all instances
+    decimation = 1
+
+Everything that can be wrong is found here, before any FMU is started, and reported at once. Times and step sizes
+stay decimals, so that ``0.1`` divides ``1.0``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from ..errors import DescriptionError, suggest
+from ..fmu.description import Value, Variable
+from ..fmu.places import shipped_file
+from .check import SystemCheck
+from .document import changed_document, load_document
+from .parts import Connection, Instance, Order, system_digest
+from .values import start_value
+
+
+@dataclass(frozen=True)
+class System:
+    """A checked system; ``read_system`` and ``make_system`` create it."""
+
+    name: str
+    description: str
+    instances: tuple[Instance, ...]
+    connections: tuple[Connection, ...]
+    start_time: Decimal
+    stop_time: Decimal
+    step_size: Decimal
+    steps: int
+    order: Order
+    visits: tuple[str, ...]
+    """Instances in the order in which inputs are set and feedthrough is evaluated at a communication point."""
+    tolerance: float | None
+    record: tuple[tuple[str, str], ...]
+    decimation: int
+    notes: tuple[str, ...]
+    """What is legal but worth knowing."""
+    digest: str
+    """SHA-256 of everything that decides the results: FMUs, start values, connections, experiment."""
+    document: Mapping[str, Any] = field(repr=False)
+    folder: Path = field(repr=False)
+    fmus: Path | None = field(repr=False)
+
+    @property
+    def parallel(self) -> bool:
+        """Whether all instances step with the outputs of the previous communication point (Jacobi)."""
+        return self.order == "parallel"
+
+    def instance(self, name: str) -> Instance:
+        """The instance of that name. Raises DescriptionError."""
+        for instance in self.instances:
+            if instance.name == name:
+                return instance
+        raise DescriptionError(f"{self.name}: no instance '{name}'.{suggest(name, (i.name for i in self.instances))}")
+
+    def variable(self, instance: str, name: str) -> Variable:
+        """A variable of an instance. Raises DescriptionError."""
+        fmu = self.instance(instance).fmu
+        if name not in fmu.variables:
+            raise DescriptionError(f"{self.name}: {fmu.name} has no variable '{name}'.{suggest(name, fmu.variables)}")
+        return fmu.variables[name]
+
+    def changed(
+        self,
+        overrides: Mapping[str, object] | None = None,
+        *,
+        stop_time: float | str | Decimal | None = None,
+        step_size: float | str | Decimal | None = None,
+        order: str | Sequence[str] | None = None,
+        record: Sequence[str] | None = None,
+        decimation: int | None = None,
+    ) -> System:
+        """The same system with other start values (``{"plant.m": 70.0}``) or another experiment, checked again."""
+        document, problems = changed_document(
+            self.document,
+            self.name,
+            overrides or {},
+            stop_time=stop_time,
+            step_size=step_size,
+            order=order,
+            record=record,
+            decimation=decimation,
+        )
+        experiment = (stop_time, step_size, order, record, decimation)
+        plain = overrides and not problems and all(value is None for value in experiment)
+        if plain and (starts := self._starts(overrides or {})) is not None:
+            return self._with_starts(starts, document)
+        return System(**SystemCheck(document, self.name, self.folder, self.fmus, problems).fields())
+
+    def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
+        """Start values by instance, if they are right and the rest of the system cannot depend on them."""
+        starts: dict[str, dict[str, Value]] = {}
+        for path, given in overrides.items():
+            name, _, variable_name = path.partition(".")
+            variable = self.instance(name).fmu.variables.get(variable_name)
+            if variable is None or variable_name == "T_s" or not variable.settable:
+                return None
+            value, _ = start_value(variable, given)
+            if value is None:
+                return None
+            starts.setdefault(name, {})[variable_name] = value
+        return starts
+
+    def _with_starts(self, starts: Mapping[str, Mapping[str, Value]], document: Mapping[str, Any]) -> System:
+        """What ``make_system`` gives for ``document``, without checking again what start values cannot change."""
+        instances = {
+            i.name: replace(i, start={**i.start, **starts[i.name]}) if i.name in starts else i for i in self.instances
+        }
+        times = (self.start_time, self.stop_time, self.step_size)
+        digest = system_digest(
+            instances, self.connections, times, self.order, self.tolerance, self.record, self.decimation
+        )
+        return replace(self, instances=tuple(instances.values()), digest=digest, document=document)
+
+
+def read_system(
+    path: str | Path,
+    overrides: Mapping[str, object] | None = None,
+    *,
+    fmus: str | Path | None = None,
+    stop_time: float | str | Decimal | None = None,
+    step_size: float | str | Decimal | None = None,
+    order: str | Sequence[str] | None = None,
+    record: Sequence[str] | None = None,
+    decimation: int | None = None,
+) -> System:
+    """Read and check the system at ``path`` (.toml, .ssp, .ssd); ``fmus`` is the folder of FMUs given by name.
+
+    A system that comes with cosim can be given by name, such as "shams2010/fsmc_5sin".
+    ``overrides`` replaces start values (``{"plant.m": 70.0}``), the other arguments the experiment's.
+    Raises DescriptionError with every problem found.
+    """
+    path = shipped_file(path)
+    loaded, folder = (
+        _read_ssp(path) if path.suffix.lower() in (".ssp", ".ssd") else (load_document(path, ()), path.parent)
+    )
+    document, problems = changed_document(
+        loaded,
+        path.name,
+        overrides or {},
+        stop_time=stop_time,
+        step_size=step_size,
+        order=order,
+        record=record,
+        decimation=decimation,
+    )
+    return System(**SystemCheck(document, path.name, folder, None if fmus is None else Path(fmus), problems).fields())
+
+
+def make_system(
+    document: Mapping[str, Any], *, name: str = "system", folder: str | Path = ".", fmus: str | Path | None = None
+) -> System:
+    """Check a system given as nested tables, as a system file holds them. ``folder`` is where its paths start."""
+    return System(**SystemCheck(document, name, Path(folder), None if fmus is None else Path(fmus), []).fields())
+
+
+def _read_ssp(path: Path) -> tuple[dict[str, Any], Path]:
+    from .ssp_read import read_ssp  # reads XML schemas: only where one is needed
+
+    return read_ssp(path)
