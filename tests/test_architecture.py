@@ -156,7 +156,9 @@ def test_table_of_rooms(capsys: pytest.CaptureFixture[str]) -> None:
     with capsys.disabled():
         if sys.flags.verbose:
             for room in ROOMS:
-                sys.stdout.write(f"{floors[room.name]} {room.name}: {', '.join(sorted(found[room.name])) or '-'}" + "\n")
+                sys.stdout.write(
+                    f"{floors[room.name]} {room.name}: {', '.join(sorted(found[room.name])) or '-'}" + "\n"
+                )
 
 
 @pytest.mark.parametrize(
