@@ -1,4 +1,4 @@
-"""The command line: ``cosim run``, ``check``, ``info``, ``list``, ``study``, ``verify``.
+"""The command line: ``cosim run``, ``check``, ``info``, ``list``, ``study``, ``verify``, ``build``.
 
 Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.
 """
@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..errors import CosimError, DescriptionError
+from .build import add_build
 from .console import complain, fmus_argument
 from .design import add_commands
 from .fmus import copy_command, fmu_path, info_command, list_command
@@ -25,8 +26,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
+    return exit_code(lambda: options.command(options))
+
+
+def exit_code(command: Callable[[], int]) -> int:
+    """Run a command; whatever it raises on purpose is printed and becomes an exit code."""
     try:
-        return options.command(options)
+        return command()
     except DescriptionError as error:
         problems = error.problems
         if len(problems) > 1:
@@ -148,6 +154,7 @@ def _parser() -> argparse.ArgumentParser:
     study.set_defaults(command=_study)
 
     add_verify(commands, fmu_path)
+    add_build(commands)
     add_commands(commands)
     return parser
 
