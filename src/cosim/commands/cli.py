@@ -28,6 +28,7 @@ from . import (
     verify,
 )
 from .console import print_error
+from .surroundings import check_working_folder, explain, prepare_streams
 
 COMMANDS = (
     *(run, check, export, info, list, fmus, study, verify),
@@ -40,8 +41,10 @@ TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    prepare_streams()
     options = _parser().parse_args(arguments)
     try:
+        check_working_folder()
         return options.command(options)
     except DescriptionError as error:
         problems = error.problems
@@ -64,6 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # Whoever read our output (head, less) has gone.
         sys.stderr.close()
+        return 1
+    except OSError as error:
+        print_error(explain(error))
         return 1
 
 
