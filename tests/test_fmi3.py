@@ -102,7 +102,7 @@ def test_fmu_is_valid_and_complete(fmi3: Path, name: str) -> None:
 def test_only_fmi3_functions_are_exported(fmi3: Path, name: str) -> None:
     with zipfile.ZipFile(fmi3 / f"{name}.fmu") as archive:
         content = archive.read(f"binaries/{fmpy.platform_tuple}/{name}{fmpy.sharedLibraryExtension}")
-    library = lief.parse(list(content))
+    library = lief.parse(content)
     assert isinstance(library, lief.Binary)
     exported = {function.name for function in library.exported_functions}
     prototypes = {name for name in dir(FMU3Slave) if name.startswith("fmi3")}
