@@ -16,7 +16,7 @@ lint: lint-tools
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
-	$(BIN)/pyright --project .ci/pyright.json
+	$(BIN)/pyright --project tests/pyrightconfig.json
 
 fmus: build-tools
 	$(BIN)/python build_fmus.py

@@ -385,7 +385,7 @@ def test_wrong_calls_are_refused_with_a_message(fmi3: Path, case: str) -> None:
     ("options", "text"),
     [
         ({"token": "wrong"}, "instantiationToken is 'wrong'"),
-        ({"events": True}, "has no event mode"),
+        ({"events": True}, "there is no event mode"),
     ],
 )
 def test_instance_that_cannot_be_is_refused(fmi3: Path, options: dict[str, Any], text: str) -> None:
