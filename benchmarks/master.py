@@ -76,7 +76,7 @@ def peer(name: str, folder: Path) -> tuple[float, str]:
     answer = json.loads(lines[-1]) if run.returncode == 0 and lines else {"missing": run.stderr.strip()[-200:]}
     if "seconds" not in answer:
         return float("nan"), f"not installed: {answer['missing']}"
-    return answer["seconds"] / answer["steps"] / 2.0 * 1e6, ""
+    return float(answer["seconds"]) / float(answer["steps"]) / 2.0 * 1e6, ""
 
 
 def start_up(folder: Path) -> list[float]:
