@@ -1,17 +1,22 @@
 """The command line: ``cosim run``, ``check``, ``info``, ``list``, ``study``, ``verify``.
 
-Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.
+Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, 130 interrupted,
+143 and 129 ended by SIGTERM and SIGHUP.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import CosimError, DescriptionError
-from .console import complain, fmus_argument
+from ..files import reason
+from ..master.signals import Ended, ending_by_exception
+from .console import complain, fmus_argument, log_on_standard_error
 from .design import add_commands
 from .fmus import copy_command, fmu_path, info_command, list_command
 from .run import check_command, export_command, run_command, system_arguments
@@ -25,6 +30,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = _parser()
     options = parser.parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # A terminal or pipe may not know all characters.
+            stream.reconfigure(errors="backslashreplace")
+    with ending_by_exception(), log_on_standard_error():
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run the command; returns the exit code, after telling what went wrong."""
     try:
         return options.command(options)
     except DescriptionError as error:
@@ -42,12 +57,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         complain(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interruption:
         complain("Interrupted.")
-        return 130
+        return 128 + (interruption.number if isinstance(interruption, Ended) else signal.SIGINT)
     except BrokenPipeError:
         # Whoever read our output (head, less) has gone.
         sys.stderr.close()
+        return 1
+    except OSError as error:
+        complain(f"{f'{error.filename}: ' if error.filename else ''}{reason(error)}.")
         return 1
 
 
@@ -64,7 +82,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="cosim",
         description="Co-simulation of FMI 2.0 FMUs for precision motion.",
-        epilog="Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.",
+        epilog="Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, "
+        "130 interrupted, 143 and 129 ended by SIGTERM and SIGHUP.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
@@ -79,6 +98,12 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
     run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
     run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
+    run.add_argument("--timeout", metavar="SECONDS", help="end the run if a call of an FMU takes longer, such as 30")
+    run.add_argument(
+        "--in-process",
+        action="store_true",
+        help="run the FMUs in this process, for a debugger: an FMU that crashes takes everything with it",
+    )
     run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
     run.set_defaults(command=run_command)
 

@@ -185,3 +185,14 @@ def _folders() -> tuple[Path, ...]:
     else:
         user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return Path(__file__).with_name("__pycache__"), user / "motion-cosim"
+
+
+CALLING = 7
+
+
+def prepare() -> None:
+    _machine_code()
+
+
+def call_of(state: NDArray[np.int64]) -> tuple[int, str] | None:
+    return None
