@@ -104,7 +104,7 @@ class Run:
             raise
         result = self.result(solver, partial=stopped or end is not None)
         if stopped:
-            raise Interrupted(result, interrupted.number)
+            raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
     def go_on(
@@ -122,7 +122,7 @@ class Run:
             raise
         result = self.result(solver, partial=stopped)
         if stopped:
-            raise Interrupted(result, interrupted.number)
+            raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
     def watch(self) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,8 @@ from ..files import Replacement, cannot_write, check_writable
 
 FORMATS = (".csv", ".parquet")
 
-PIECE_BYTES = 2**26
-"""Size of what is written at a time: a copy of so much of the rows is made."""
+PARQUET_BYTES, CSV_BYTES = 2**26, 2**22
+"""Size of the rows that are written at a time: they are copied, and turned into text of several times their size."""
 
 
 @dataclass(frozen=True)
@@ -34,70 +36,95 @@ class Column:
     display_offset: float = 0.0
 
 
-class RecordWriter:
-    """Writes rows to ``path`` as they come; a context manager that keeps the file only if there was no exception.
+class _CsvFile:
+    """A comma between columns, quoted names, time first, the shortest digits that read back the same."""
 
-    .csv has a comma between columns, quoted names, time first, and the shortest digits that read back the same.
-    .parquet has units with each column and ``metadata`` with the schema, as JSON where it is not text; what is known
-    at the end only, ``late``, is among the key-value metadata of the file.
-    Raises DescriptionError for another ending, FileError if the file cannot be written.
-    """
+    def __init__(self, file: BinaryIO, columns: Sequence[Column]) -> None:
+        self._file = file
+        names = (column.name.replace('"', '""') for column in columns)
+        file.write((",".join(f'"{name}"' for name in names) + "\n").encode())
 
-    def __init__(self, path: Path, columns: Sequence[Column], metadata: Mapping[str, Any]) -> None:
-        check_format(path)
-        self._path = path
+    def write(self, table: NDArray[np.float64]) -> None:
+        self._file.write("".join(",".join(map(repr, row)) + "\n" for row in table.tolist()).encode())
+
+    def close(self, late: Mapping[str, str]) -> None:
+        pass
+
+
+class _ParquetFile:
+    """Units with each column, metadata with the schema; what is known late is key-value metadata of the file."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], metadata: Mapping[str, str]) -> None:
         self._arrow: Any = import_module("pyarrow")
         fields = [
             self._arrow.field(
                 c.name, self._arrow.float64(), metadata={"unit": c.unit, "display_unit": c.display_unit, "text": c.text}
             )
-            for c in (Column("time", "s", "Time", "s"), *columns)
+            for c in columns
         ]
-        self._schema = self._arrow.schema(fields, _texts(metadata))
+        self._schema = self._arrow.schema(fields, dict(metadata))
+        # Arrow writes to a file of Python, whose errors come through as they are.
+        self._writer: Any = import_module("pyarrow.parquet").ParquetWriter(file, self._schema)
+
+    def write(self, table: NDArray[np.float64]) -> None:
+        arrays = [self._arrow.array(np.ascontiguousarray(column)) for column in table.T]
+        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+
+    def close(self, late: Mapping[str, str]) -> None:
+        if late:
+            self._writer.add_key_value_metadata(dict(late))
+        self._writer.close()
+
+
+class RecordWriter:
+    """Writes rows to ``path``, .csv or .parquet, as they come; a context manager that keeps a finished file only.
+
+    Raises DescriptionError for another ending or a folder, FileError if the file cannot be written.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[Column], metadata: Mapping[str, Any]) -> None:
+        check_format(path)
+        if path.is_dir():
+            raise DescriptionError(f"{path} is a folder. Name a file.")
+        all_columns = (Column("time", "s", "Time", "s"), *columns)
+        csv = path.suffix.lower() == ".csv"
+        self._path = path
+        self._piece = max(1, (CSV_BYTES if csv else PARQUET_BYTES) // (8 * len(all_columns)))
         self._new = Replacement(path)
-        self._writer: Any = None
-        try:
-            # Arrow writes to a file of Python, whose errors come through as they are.
-            if path.suffix.lower() == ".csv":
-                self._writer = import_module("pyarrow.csv").CSVWriter(self._new.file, self._schema)
-            else:
-                self._writer = import_module("pyarrow.parquet").ParquetWriter(self._new.file, self._schema)
-        except OSError as error:
-            self.discard()
-            raise cannot_write(path, error) from None
+        with self._written():
+            self._file = (
+                _CsvFile(self._new.file, all_columns)
+                if csv
+                else _ParquetFile(self._new.file, all_columns, _texts(metadata))
+            )
 
     def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
         """Add rows, one a time."""
-        piece = max(1, PIECE_BYTES // (8 * (1 + rows.shape[1])))
-        try:
-            for first in range(0, max(len(rows), 1), piece):
-                part = slice(first, first + piece)
-                columns = [times[part], *(np.ascontiguousarray(rows[part, i]) for i in range(rows.shape[1]))]
-                arrays = [self._arrow.array(column) for column in columns]
-                self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
-        except OSError as error:
-            self.discard()
-            raise cannot_write(self._path, error) from None
+        with self._written():
+            for first in range(0, len(rows), self._piece):
+                part = slice(first, first + self._piece)
+                self._file.write(np.column_stack((times[part], rows[part])))
 
     def finish(self, late: Mapping[str, Any]) -> None:
-        """Complete the file and give it its name."""
-        try:
-            if late and self._path.suffix.lower() == ".parquet":
-                self._writer.add_key_value_metadata(_texts(late))
-            self._writer.close()
-        except OSError as error:
-            self.discard()
-            raise cannot_write(self._path, error) from None
+        """Complete the file, with what is known at the end only, and give it its name."""
+        with self._written():
+            self._file.close(_texts(late))
         self._new.commit()
 
     def discard(self) -> None:
         """Leave everything as it was."""
-        if self._writer is not None:
-            try:
-                self._writer.close()
-            except (OSError, ValueError):
-                pass  # It writes the end of a file that is removed next.
         self._new.discard()
+
+    @contextlib.contextmanager
+    def _written(self) -> Generator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.discard()
+            raise cannot_write(self._path, error) from None
+        except BaseException:
+            self.discard()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -113,6 +140,11 @@ def check_format(path: Path) -> None:
     """Raise DescriptionError unless ``path`` ends as a record can."""
     if path.suffix.lower() not in FORMATS:
         raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
+    if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
+        raise DescriptionError(
+            f"{path}: to write Parquet needs pyarrow, which is not installed: install motion-cosim[parquet], "
+            "or name a .csv file."
+        )
 
 
 def check_output(path: Path) -> None:
