@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .errors import CosimError, DescriptionError, FileError, SimulationError, TraceError
     from .master.instance import CallError, RunError
     from .master.isolation import ProcessError
-    from .master.run import Interrupted
+    from .master.run import Interrupted, SignalError
     from .master.simulation import Simulation, simulate
     from .result import metrics, plots
     from .result.result import Result
@@ -37,6 +37,7 @@ __all__ = [
     "ProcessError",
     "Result",
     "RunError",
+    "SignalError",
     "Simulation",
     "SimulationError",
     "System",
@@ -53,7 +54,7 @@ _HOMES = {
     "errors": ("CosimError", "DescriptionError", "FileError", "SimulationError", "TraceError"),
     "master.instance": ("CallError", "RunError"),
     "master.isolation": ("ProcessError",),
-    "master.run": ("Interrupted",),
+    "master.run": ("Interrupted", "SignalError"),
     "master.simulation": ("Simulation", "simulate"),
     "result.result": ("Result",),
     "system.system": ("System", "make_system", "read_system"),

@@ -1,30 +1,23 @@
-"""``cosim run``, ``check`` and ``export``: commands that take a system."""
+"""``cosim run``: run a system and show what came out."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from math import isfinite
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE, SIMPLE_HEAD
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
-from ..errors import CosimError, DescriptionError, suggest
-from .console import complain, fmus_argument, remark, standard_output
+from ..errors import CosimError, DescriptionError
+from .console import Bar, make_table, print_error, print_json, print_note, standard_output
+from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-    from rich.progress import Progress
 
     from ..master.instance import RunError
     from ..result.record import RecordWriter
@@ -32,150 +25,53 @@ if TYPE_CHECKING:
     from ..result.summary import Row
     from ..system.system import System
 
-
+MOST_BYTES = 2**28
+"""Rows of a run that stay in memory: longer records go to the file as they come, figures are of every n-th row then."""
 MAX_SHOWN_MESSAGES = 20
-
-
 MAX_SHOWN_TEXT = 1000
-
-
 _GRAVITY = {"OK": 0, "Warning": 1, "Discard": 2}
 """How bad the status of a message is; all others are worse."""
 
 
-def system_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of every command that takes a system."""
-    parser.add_argument("system", metavar="SYSTEM", help="a system file, or one of 'cosim list' (shams2010/fsmc_5sin)")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="INST.VAR=VALUE",
-        dest="values",
-        help="a start value, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
+def add(commands: Any) -> None:
+    """Add ``run``."""
+    run = commands.add_parser(
+        "run",
+        help="run a system",
+        description="Run a system and show what came out.",
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet",
     )
-    parser.add_argument("--stop-time", metavar="SECONDS", help="end of the run, such as 2.5")
-    parser.add_argument("--step-size", metavar="SECONDS", help="communication step, such as 1e-4")
-    parser.add_argument(
-        "--order", metavar="ORDER", help="sequential, parallel, or instances such as trajectory,controller,plant"
+    system_arguments(run)
+    run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
+    run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
+    run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
+    run.add_argument(
+        "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
     )
-    parser.add_argument(
-        "--record",
-        action="append",
-        metavar="PATTERN",
-        help="what to record, such as plant.position or 'controller.*'; may be repeated (default: as in the file)",
+    run.add_argument("--timeout", metavar="SECONDS", help="end the run if a call of an FMU takes longer, such as 30")
+    run.add_argument(
+        "--in-process",
+        action="store_true",
+        help="run the FMUs in this process, for a debugger: an FMU that crashes takes everything with it",
     )
-    parser.add_argument("--decimation", type=int, metavar="N", help="record every N-th communication point")
-    fmus_argument(parser)
+    run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
+    run.set_defaults(command=_run)
 
 
-# Systems
-
-
-def _system(options: argparse.Namespace) -> System:
-    from ..system.system import read_system
-    from ..system.values import parse_value
-
-    values: dict[str, object] = {}
-    problems: list[str] = []
-    for item in options.values:
-        name, equals, value = item.partition("=")
-        if not equals:
-            problems.append(f"--set {item}: write INSTANCE.VARIABLE=VALUE, such as plant.m=70.")
-        else:
-            values[name.strip()] = parse_value(value.strip())
-    if problems:
-        raise DescriptionError(problems)
-    order = options.order
-    if order is not None and order not in ("sequential", "parallel"):
-        order = [name.strip() for name in order.split(",")]
-    return read_system(
-        _system_path(options.system),
-        values,
-        fmus=options.fmus,
-        stop_time=options.stop_time,
-        step_size=options.step_size,
-        order=order,
-        record=options.record,
-        decimation=options.decimation,
-    )
-
-
-def _system_path(text: str) -> Path:
-    from ..fmu.places import shipped_file, shipped_systems
-
-    path = shipped_file(text)
-    if path.exists() or text.endswith((".toml", ".ssp", ".ssd")):
-        return path
-    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped_systems())}")
-
-
-def check_command(options: argparse.Namespace) -> int:
-    """Check a system and say how it will run."""
-    system = _system(options)
-    console = standard_output()
-    console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("Instance", "FMU", "Start values", "Steps over"):
-        table.add_column(heading)
-    for instance in system.instances:
-        values = ", ".join(f"{name} = {value}" for name, value in list(instance.start.items())[:8])
-        more = f" and {len(instance.start) - 8} more" if len(instance.start) > 8 else ""
-        over = f"{system.step_size * instance.step_multiple} s"
-        table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
-    console.print(table)
-    for connection in system.connections:
-        scaled = "" if connection.factor == 1.0 else f" * {connection.factor:g}"
-        shifted = "" if connection.offset == 0.0 else f" + {connection.offset:g}"
-        source, target = (".".join(end) for end in (connection.source, connection.target))
-        console.print(f"  {escape(source)}{scaled}{shifted} -> {escape(target)}")
-    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
-    console.print(f"Order: {escape(how)}")
-    console.print(
-        f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
-        f"{len(system.record)} variables recorded, {system.steps // system.decimation + 1} rows"
-    )
-    for note in system.notes:
-        console.print(f"[yellow]note:[/] {escape(note)}")
-    console.print("No problems.")
-    return 0
-
-
-def export_command(options: argparse.Namespace) -> int:
-    """Write a system as SSP or TOML."""
-    from ..system.ssp_write import write_ssp
-    from ..system.toml_write import write_toml
-
-    writers = {".ssp": write_ssp, ".toml": write_toml}
-    suffix = options.output.suffix.lower()
-    if suffix not in writers:
-        raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")
-    system = _system(options)
-    path = writers[suffix](system, options.output)
-    standard_output().print(
-        f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."
-    )
-    return 0
-
-
-MOST_BYTES = 2**28
-"""Rows of a run that stay in memory: longer records go to the file as they come, figures are of every n-th row then."""
-
-
-def run_command(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """Run a system and show what came out."""
     begun = time.perf_counter()
     _check(options)
-    system = _system(options)
+    system = given_system(options)
     from ..master.instance import RunError
     from ..master.run import Interrupted
 
     if not options.json:
         for note in system.notes:
-            remark(f"note: {note}")
+            print_note(f"note: {note}")
     record = _RecordFile(system, options.output)
     try:
-        with _Bar(system) as bar:
+        with Bar("Seconds") as bar:
             result = _simulate(system, options, bar, record)
     except RunError as error:
         return _failed(error, options, record)
@@ -217,17 +113,23 @@ def _check(options: argparse.Namespace) -> None:
     options.timeout = limit
 
 
-def _simulate(system: System, options: argparse.Namespace, bar: _Bar, record: _RecordFile) -> Result:
+def _simulate(system: System, options: argparse.Namespace, bar: Bar, record: _RecordFile) -> Result:
+    length = float(system.stop_time - system.start_time)
+
+    def progress(share: float) -> None:
+        bar.update(share * length, length)
+
     if options.in_process:
         from ..master.simulation import simulate
 
-        return simulate(system, progress=bar.update, debug=options.debug)
+        return simulate(system, progress=progress, debug=options.debug, keep_going=options.keep_going)
     from ..master.isolation import simulate_isolated
 
     return simulate_isolated(
         system,
-        progress=bar.update,
+        progress=progress,
         debug=options.debug,
+        keep_going=options.keep_going,
         timeout=options.timeout,
         sink=record,
         most_bytes=MOST_BYTES,
@@ -287,10 +189,10 @@ def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -
     result = error.result
     if result is not None:
         _show_messages(result, but=error.message)
-    complain(str(error))
+    print_error(str(error))
     if result is not None and result.time.size:
         if isinstance(error, RecordError):
-            remark(f"Computed up to {result.time[-1]:.9g} s.")
+            print_note(f"Computed up to {result.time[-1]:.9g} s.")
         else:
             _save(result, options, record)
     return 1
@@ -307,19 +209,19 @@ def _save(result: Result, options: argparse.Namespace, record: _RecordFile) -> b
         try:
             record.save(result)
         except CosimError as error:
-            complain(str(error))
+            print_error(str(error))
             well, kept = False, ""
     if result.partial and not result.time.size:
-        remark("Nothing had been computed.")
+        print_note("Nothing had been computed.")
     elif result.partial:
-        remark(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
+        print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
     if options.plot is not None and result.time.size > 1:
         from ..result.plots import plot_run
 
         try:
             plot_run(result, options.plot)
         except CosimError as error:
-            complain(str(error))
+            print_error(str(error))
             well = False
     return well
 
@@ -330,11 +232,11 @@ def _finish(
     """Messages, files and the summary that end a run; returns the exit code."""
     _show_messages(result)
     if interrupted:
-        complain("Interrupted.")
+        print_error("Interrupted.")
     well = _save(result, options, record)
     every = record.thinned(result)
     if every > 1:
-        remark(f"note: {record.count(result)} rows; figures and pictures are of every {every}th.")
+        print_note(f"note: {record.count(result)} rows; figures and pictures are of every {every}th.")
     figures = _figures(result)
     facts = result.metadata
     simulated = facts["steps"] * facts["step_size"]
@@ -352,21 +254,13 @@ def _finish(
             "real_time_factor": factor,
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
-            "figures": [
-                {"name": row.name, "value": row.value if isfinite(row.value) else None, "unit": row.unit}
-                for row in figures
-            ],
+            "figures": [{"name": row.name, "value": row.value, "unit": row.unit} for row in figures],
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
         }
-        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
+        print_json(summary)
         return 0 if well else 1
-    table = Table(
-        title=escape(str(facts["description"] or facts["system"])), title_justify="left", show_header=False, box=SIMPLE
-    )
-    table.add_column()
-    table.add_column(justify="right")
-    table.add_column()
+    table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{simulated:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
     table.add_row("Time of the steps", f"{facts['stepping_seconds']:.3g}", f"s, {factor:.3g} times real time")
@@ -406,37 +300,7 @@ def _show_messages(result: Result, but: str = "") -> None:
     worst = sorted(messages, key=lambda message: _GRAVITY.get(message.status, 3), reverse=True)[:MAX_SHOWN_MESSAGES]
     for message in sorted(worst, key=lambda message: message.time):
         text = str(message)
-        remark(text if len(text) <= MAX_SHOWN_TEXT else f"{text[:MAX_SHOWN_TEXT]} ... ({len(text)} characters)")
+        print_note(text if len(text) <= MAX_SHOWN_TEXT else f"{text[:MAX_SHOWN_TEXT]} ... ({len(text)} characters)")
     more = len(messages) - len(worst) + result.dropped_messages
     if more > 0:
-        remark(f"and {more} more messages")
-
-
-class _Bar(AbstractContextManager["_Bar"]):
-    """A progress bar for work of more than a second, on a terminal only."""
-
-    def __init__(self, system: System) -> None:
-        self._length = float(system.stop_time - system.start_time)
-        self._start = time.perf_counter()
-        self._bar: Progress | None = None
-
-    def update(self, fraction: float) -> None:
-        if self._bar is None:
-            if time.perf_counter() - self._start < 1.0 or not sys.stderr.isatty():
-                return
-            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = BarColumn(), TextColumn("{task.completed:.3g} of {task.total:g} s"), TimeRemainingColumn()
-            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._bar.add_task("", total=self._length)
-            self._bar.start()
-        self._bar.update(self._bar.task_ids[0], completed=fraction * self._length)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        print_note(f"and {more} more messages")

@@ -47,6 +47,7 @@ class Job:
     folder: Path
     """Where FMUs are unpacked."""
     debug: bool
+    keep_going: bool
     columns: int
     capacity: int
     windows: int
@@ -110,7 +111,8 @@ def _run(system: System | Callable[[], System], job: Job, board: Board, channel:
         if not isinstance(system, System):
             system = system()
         with loaded(system, debug=job.debug, folder=job.folder, board=board) as instances:
-            channel.send(_outcome(Run(system, instances, make_program(system, instances), board=board)))
+            program = make_program(system, instances)
+            channel.send(_outcome(Run(system, instances, program, board=board, check=not job.keep_going)))
     except CosimError as error:
         channel.send(Outcome(0.0, 0, {}, error=(type(error), error.args, vars(error))))
     except OSError as error:

@@ -154,8 +154,9 @@ class FmuInstance:
     """An instance on FMPy's FMU2Slave: its calls checked, its messages kept."""
 
     def __init__(
-        self, instance: Instance, folder: Path, library: Path, *, debug: bool, board: Board | None = None
+        self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool, board: Board | None = None
     ) -> None:
+        self.number = number
         self.name = instance.name
         self.fmu: Fmu = instance.fmu
         self.log = Log(instance.name)
@@ -166,7 +167,7 @@ class FmuInstance:
         self._board = board
         self._slave: Any = None
 
-    def load(self, number: int) -> None:
+    def load(self) -> None:
         """Load the library and create the instance. Raises SimulationError."""
         with _LOADING, _working_folder(self._folder), self._calling("loading the library"):
             try:
@@ -284,9 +285,9 @@ def loaded(
                     target = place / str(len(unpacked))
                     target.mkdir()
                     unpacked[digest] = target, instance.fmu.extract(target)
-                made = FmuInstance(instance, *unpacked[digest], debug=debug, board=board)
+                made = FmuInstance(len(instances), instance, *unpacked[digest], debug=debug, board=board)
                 instances.append(made)
-                made.load(len(instances) - 1)
+                made.load()
             yield instances
         finally:
             for made in instances:

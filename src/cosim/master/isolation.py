@@ -7,31 +7,25 @@ from shared memory, collects messages, ends a process that hangs, and tells what
 from __future__ import annotations
 
 import contextlib
-import mmap
-import os
 import pickle
 import queue
-import signal
-import subprocess
 import sys
 import threading
 import time as clock_time
-import warnings
-from collections.abc import Generator
-from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CosimError, FileError
-from ..files import cannot_write, temporary_folder
+from ..files import temporary_folder
 from ..result.result import Message, Result
 from ..system.system import System
-from . import child, loop
+from . import loop
 from .board import DRAINED, FINISHED, IN_CALL, IN_LOOP, STEPPING, STOP, Board
-from .child import Channel, Job, Outcome
+from .child import Job, Outcome
 from .instance import MAX_TEXT, CallError, RunError, log_message
+from .process import FmuProcess, fork_process, may_fork, shared_memory, signal_text, start_process
 from .run import Interrupted, Progress, check_memory, make_result, row_times
 from .signals import Presses, counted
 
@@ -83,6 +77,7 @@ def simulate_isolated(
     *,
     progress: Progress | None = None,
     debug: bool = False,
+    keep_going: bool = False,
     timeout: float | None = None,
     sink: RecordSink | None = None,
     most_bytes: int | None = None,
@@ -103,176 +98,17 @@ def simulate_isolated(
         capacity, windows = max(2, WINDOW_BYTES // max(8 * columns, 1)), 2
     else:
         check_memory(system, rows)
-    fork = _may_fork() if fork is None else fork
+    fork = may_fork() if fork is None else fork
     with temporary_folder() as folder:
-        job = Job(folder, debug, columns, capacity, windows)
+        job = Job(folder, debug, keep_going, columns, capacity, windows)
         every = 1 if windows == 1 or most_bytes is None else -(-rows * columns * 8 // most_bytes)
-        with _memory(folder, Board.size(columns, capacity, windows), shared_file=not fork) as (memory, file):
+        with shared_memory(folder, Board.size(columns, capacity, windows), shared_file=not fork) as (memory, file):
             board = Board(memoryview(memory), columns, capacity, windows)
             # Loaded here, it is there after a fork.
-            loop.prepare()
-            process = _fork(system, job, memory) if fork else _start(system, job, file)
-            watch = _Watch(system, process, board, timeout, progress, sink, every)
+            loop.compiled()
+            process = fork_process(system, job, memory) if fork else start_process(system, job, file)
+            watch = _Watch(system, process, board, timeout=timeout, progress=progress, sink=sink, every=every)
             return watch.run()
-
-
-# ---- the process ----
-
-
-class _Process:
-    """The process of the FMUs, in a process group of its own where there are such."""
-
-    def __init__(
-        self, number: int, channel: BinaryIO, printed: BinaryIO, popen: subprocess.Popen[bytes] | None
-    ) -> None:
-        self.channel = channel
-        self.printed = printed
-        self.code: int | None = None
-        """The exit code once it has ended; that of a signal is negative."""
-        self._number = number
-        self._popen = popen
-
-    def ended(self) -> bool:
-        """Whether the process has ended; if so, all others that it has started are ended, too."""
-        if self.code is not None:
-            return True
-        if self._popen is not None and sys.platform == "win32":
-            self.code = self._popen.poll()
-            return self.code is not None
-        if hasattr(os, "waitid"):
-            # Not taken from the list of processes yet: so its number is still its own when the group is ended.
-            if os.waitid(os.P_PID, self._number, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
-                return False
-            self._end_group()
-            self._reap(0)
-            return True
-        if self._reap(os.WNOHANG):
-            self._end_group()
-        return self.code is not None
-
-    def kill(self) -> None:
-        """End the process and all that it has started, and wait for its end."""
-        if self.code is not None:
-            return
-        if self._popen is not None and sys.platform == "win32":
-            self._popen.kill()
-            self.code = self._popen.wait()
-            return
-        self._end_group()
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self._number, signal.SIGKILL)
-        self._reap(0)
-
-    def _reap(self, options: int) -> bool:
-        try:
-            number, status = os.waitpid(self._number, options)
-        except ChildProcessError:
-            # Somebody else in this process waits for all children.
-            number, status = self._number, 0
-        if number == 0:
-            return False
-        self.code = os.waitstatus_to_exitcode(status)
-        if self._popen is not None:
-            self._popen.returncode = self.code
-        return True
-
-    def _end_group(self) -> None:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._number, signal.SIGKILL)
-
-
-def _may_fork() -> bool:
-    """Whether forking is safe: a thread that is not there after a fork may hold a lock for ever.
-
-    macOS has forking, but its system libraries do not support it.
-    """
-    alone = threading.active_count() == 1 and threading.current_thread() is threading.main_thread()
-    return sys.platform == "linux" and alone
-
-
-@contextlib.contextmanager
-def _memory(folder: Path, size: int, *, shared_file: bool) -> Generator[tuple[mmap.mmap, Path]]:
-    """Memory that both processes see: a file in ``folder`` for one that is started anew."""
-    path = folder / "memory"
-    if not shared_file:
-        yield mmap.mmap(-1, size), path
-        return
-    try:
-        with path.open("w+b") as file:
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(file.fileno(), 0, size)
-            file.truncate(size)
-            memory = mmap.mmap(file.fileno(), size)
-    except OSError as error:
-        raise cannot_write(path, error) from None
-    yield memory, path
-
-
-def _fork(system: System, job: Job, memory: mmap.mmap) -> _Process:
-    channel, channel_end = os.pipe()
-    printed, printed_end = os.pipe()
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError, AttributeError):
-            stream.flush()
-    with warnings.catch_warnings():
-        # Python warns of threads that libraries keep in reserve, such as those of Arrow. The child uses none of those.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        number = os.fork()
-    if number == 0:
-        try:
-            os.setpgid(0, 0)
-            kept, nothing = child.high(channel_end), child.high(os.open(os.devnull, os.O_RDONLY))
-            printing = child.high(printed_end)
-            os.dup2(nothing, 0)
-            os.dup2(printing, 1)
-            os.dup2(printing, 2)
-            for other in (channel, channel_end, printed, printed_end, nothing, printing):
-                if other > 2:
-                    os.close(other)
-            child.serve(system, job, memory, Channel(kept))
-        finally:
-            os._exit(1)
-    with contextlib.suppress(PermissionError, ProcessLookupError):
-        # The child does the same; whoever comes first, its group is there from now on.
-        os.setpgid(number, number)
-    os.close(channel_end)
-    os.close(printed_end)
-    return _Process(number, open(channel, "rb"), open(printed, "rb", buffering=0), None)
-
-
-_PROGRAM = (
-    "import pickle, sys\n"
-    "sys.path[:] = pickle.load(sys.stdin.buffer)\n"
-    "from cosim.master.child import started\n"
-    "started()\n"
-)
-
-
-def _start(system: System, job: Job, memory: Path) -> _Process:
-    given = {
-        "system": (system.document, system.name, system.folder.resolve(), system.fmus and system.fmus.resolve()),
-        "digest": system.digest,
-        "job": job,
-        "memory": memory,
-    }
-    pipe = subprocess.PIPE
-    flags = subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0
-    try:
-        popen = subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM], stdin=pipe, stdout=pipe, stderr=pipe, bufsize=-1, creationflags=flags
-        )
-    except OSError as error:
-        raise FileError(f"{sys.executable}: cannot be started: {error.strerror}.") from None
-    assert popen.stdin is not None
-    assert popen.stdout is not None
-    assert popen.stderr is not None
-    with contextlib.suppress(BrokenPipeError), popen.stdin as stdin:
-        pickle.dump(sys.path, stdin)
-        pickle.dump(given, stdin)
-    return _Process(popen.pid, popen.stdout, popen.stderr, popen)  # pyright: ignore[reportArgumentType]
-
-
-# ---- watching ----
 
 
 class _Watch:
@@ -281,8 +117,9 @@ class _Watch:
     def __init__(
         self,
         system: System,
-        process: _Process,
+        process: FmuProcess,
         board: Board,
+        *,
         timeout: float | None,
         progress: Progress | None,
         sink: RecordSink | None,
@@ -463,7 +300,7 @@ class _Watch:
         if self.timed_out:
             status, what = "Timeout", f"had not come back after {self.timeout:g} s, the limit for a call, and was ended"
         elif code < 0:
-            status, what = "Crash", f"crashed: {_signal_text(-code)}"
+            status, what = "Crash", f"crashed: {signal_text(-code)}"
         elif code >= 0xC0000000:
             # Windows ends processes that crash with the number of the exception.
             status, what = "Crash", f"crashed with exception 0x{code:08X}"
@@ -522,19 +359,3 @@ def _rebuilt(error: tuple[type[CosimError], tuple[Any, ...], dict[str, Any]]) ->
     made = kind.__new__(kind, *arguments)
     vars(made).update(attributes)
     return made
-
-
-def _signal_text(number: int) -> str:
-    try:
-        name = signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
-    meanings = {
-        "SIGSEGV": "it used memory that is not its own",
-        "SIGBUS": "it used memory that is not there",
-        "SIGABRT": "it gave up, after an error it found itself",
-        "SIGFPE": "a calculation is not defined, such as a division of integers by zero",
-        "SIGILL": "an instruction that this processor does not have",
-        "SIGKILL": "ended from outside; perhaps the memory was used up",
-    }
-    return f"{name}, {meanings[name]}" if name in meanings else name

@@ -57,22 +57,25 @@ def simulate(
     order: str | list[str] | None = None,
     progress: Progress | None = None,
     debug: bool = False,
+    keep_going: bool = False,
     isolated: bool = False,
     timeout: float | None = None,
 ) -> Result:
     """Run ``system`` once. ``debug`` lets the FMUs log everything, not only what went wrong.
 
-    ``isolated`` runs the FMUs in another process: one that crashes, exits or hangs raises ProcessError, whose
-    ``result`` holds all complete rows. ``timeout`` is then the limit for an FMI call in seconds.
-    Raises DescriptionError, CallError (with ``result``), or Interrupted (with ``result``) on Ctrl-C, SIGTERM, SIGHUP.
+    Values on connections that are not finite, or beyond the type of their input, end the run unless ``keep_going``.
+    ``isolated`` runs the FMUs in another process: one that crashes, exits or hangs raises ProcessError. ``timeout`` is
+    then the limit for an FMI call in seconds.
+    Raises DescriptionError; CallError, SignalError or ProcessError (with ``result``, which holds all complete rows); or
+    Interrupted (with ``result``) on Ctrl-C, SIGTERM and SIGHUP.
     """
     if timeout is not None and not (isolated and timeout > 0.0):
         raise DescriptionError(f"timeout={timeout}: give a positive number of seconds, and isolated=True.")
     if stop_time is not None or step_size is not None or order is not None:
         system = system.changed(stop_time=stop_time, step_size=step_size, order=order)
     if isolated:
-        return simulate_isolated(system, progress=progress, debug=debug, timeout=timeout)
-    with Simulation(system, debug=debug) as simulation:
+        return simulate_isolated(system, progress=progress, debug=debug, keep_going=keep_going, timeout=timeout)
+    with Simulation(system, debug=debug, keep_going=keep_going) as simulation:
         return simulation.run(progress=progress)
 
 
@@ -86,9 +89,10 @@ class Simulation:
     A context manager: instances exist between entering and leaving it.
     """
 
-    def __init__(self, system: System, *, debug: bool = False) -> None:
+    def __init__(self, system: System, *, debug: bool = False, keep_going: bool = False) -> None:
         self.system = system
         self.debug = debug
+        self.keep_going = keep_going
         self._slaves: list[FmuInstance] = []
         self._fresh = True
         self._program: tuple[System, Program] | None = None
@@ -138,7 +142,7 @@ class Simulation:
             raise
         self._saved += saved
         program = run.program
-        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.integers.copy())
+        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.others.copy())
 
     def resume(
         self,
@@ -157,10 +161,11 @@ class Simulation:
         if end <= checkpoint.point:
             raise DescriptionError(f"stop time {stop_time} s is not after the checkpoint at {checkpoint.time:.9g} s.")
         values = _changes(system, changes or {})
-        run = Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end)
+        check = not self.keep_going
+        run = Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end, check=check)
         self.restore(checkpoint)
         run.program.values[:] = checkpoint.values
-        run.program.integers[:] = checkpoint.integers
+        run.program.others[:] = checkpoint.others
         with counted(most=1) as interrupted:
             return run.go_on(values, progress, interrupted)
 
@@ -210,7 +215,7 @@ class Simulation:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
             raise DescriptionError(f"{system.name}: not the instances of {self.system.name}. Make a new Simulation.")
-        run = Run(system, self._slaves, self._prepared(system))
+        run = Run(system, self._slaves, self._prepared(system), check=not self.keep_going)
         if not self._fresh:
             for slave in self._slaves:
                 slave.call("fmi2Reset")
@@ -223,7 +228,7 @@ class Simulation:
             self._program = system, make_program(system, self._slaves)
         program = self._program[1]
         program.values[:] = 0.0
-        program.integers[:] = 0
+        program.others[:] = 0
         return program
 
     @staticmethod
@@ -243,7 +248,7 @@ class Checkpoint:
     point: int
     saved: Sequence[tuple[FmuInstance, Any]]
     values: NDArray[np.float64]
-    integers: NDArray[np.int32]
+    others: NDArray[np.uint64]
 
 
 def _point(system: System, time: float, *, least: int = 1) -> int:

@@ -92,7 +92,8 @@ class Result:
         return frame
 
     def save(self, path: str | Path) -> Path:
-        """Write ``path`` as .csv or .parquet, see ``RecordWriter``: whole, or not at all.
+        """Write ``path`` as .csv (comma, quoted names, time first, shortest digits that read back the same) or .parquet
+        (units with each column, metadata with the file; needs pyarrow): whole, or not at all.
 
         Raises DescriptionError for another ending, FileError if the file cannot be written.
         """
