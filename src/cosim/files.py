@@ -77,6 +77,9 @@ class Replacement:
         except OSError as error:
             self.discard()
             raise cannot_write(self.path, error) from None
+        except BaseException:
+            self.discard()
+            raise
         _sync_folder(self._target.parent)
 
     def discard(self) -> None:

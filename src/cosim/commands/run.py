@@ -230,6 +230,11 @@ def _finish(
     result: Result, options: argparse.Namespace, record: _RecordFile, begun: float, *, interrupted: bool = False
 ) -> int:
     """Messages, files and the summary that end a run; returns the exit code."""
+    from ..result.summary import not_finite
+
+    bad = not_finite(result)
+    for name, since in bad.items():
+        print_note(f"warning: {name} is not finite from {since:.9g} s on. No figure is computed from it.")
     _show_messages(result)
     if interrupted:
         print_error("Interrupted.")
@@ -254,6 +259,7 @@ def _finish(
             "real_time_factor": factor,
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
+            "not_finite": bad,
             "figures": [{"name": row.name, "value": row.value, "unit": row.unit} for row in figures],
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),

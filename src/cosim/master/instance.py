@@ -68,7 +68,8 @@ class CallError(RunError):
         self.function = function
         self.status = status
         said = f" The FMU said: {message}" if message else " The FMU gave no message."
-        text = f"{instance}: {function} at {time:.9g} s returned fmi2{status}.{said}{remedy}"
+        returned = f"status {status}, which FMI does not know" if status.isdecimal() else f"fmi2{status}"
+        text = f"{instance}: {function} at {time:.9g} s returned {returned}.{said}{remedy}"
         super().__init__(text, time=time, message=message)
 
 
