@@ -14,6 +14,7 @@ from typing import Any
 
 import fmpy
 import fmpy.validation
+import lief
 import numpy as np
 import pytest
 from conftest import ROOT, WORKSPACE
@@ -98,11 +99,12 @@ def test_fmu_is_valid_and_complete(fmi3: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_only_fmi3_functions_are_exported(fmi3: Path, name: str, tmp_path: Path) -> None:
+def test_only_fmi3_functions_are_exported(fmi3: Path, name: str) -> None:
     with zipfile.ZipFile(fmi3 / f"{name}.fmu") as archive:
-        library = archive.extract(f"binaries/{fmpy.platform_tuple}/{name}{fmpy.sharedLibraryExtension}", tmp_path)
-    listed = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True)
-    exported = {line.split()[-1] for line in listed.stdout.splitlines()}
+        content = archive.read(f"binaries/{fmpy.platform_tuple}/{name}{fmpy.sharedLibraryExtension}")
+    library = lief.parse(list(content))
+    assert library is not None
+    exported = {function.name for function in library.exported_functions}
     prototypes = {name for name in dir(FMU3Slave) if name.startswith("fmi3")}
     prototypes |= {name for name in dir(FMU3Model) if name.startswith("fmi3")}
     assert exported == prototypes
@@ -382,7 +384,7 @@ def test_wrong_calls_are_refused_with_a_message(fmi3: Path, case: str) -> None:
     ("options", "text"),
     [
         ({"token": "wrong"}, "instantiationToken is 'wrong'"),
-        ({"events": True}, "has no event mode"),
+        ({"events": True}, "there is no event mode"),
     ],
 )
 def test_instance_that_cannot_be_is_refused(fmi3: Path, options: dict[str, Any], text: str) -> None:

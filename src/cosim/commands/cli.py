@@ -7,13 +7,11 @@ Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a de
 from __future__ import annotations
 
 import argparse
-import io
 import signal
 import sys
 from collections.abc import Sequence
 
 from ..errors import CosimError, DescriptionError
-from ..files import reason
 from ..master.signals import Ended, ending_by_exception
 from . import (
     check,
@@ -32,6 +30,7 @@ from . import (
     verify,
 )
 from .console import log_on_standard_error, print_error
+from .surroundings import check_working_folder, explain, prepare_streams
 
 COMMANDS = (
     *(run, check, export, info, list, fmus, study, verify),
@@ -44,11 +43,8 @@ TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    prepare_streams()
     options = _parser().parse_args(arguments)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            # A terminal or pipe may not know all characters.
-            stream.reconfigure(errors="backslashreplace")
     with ending_by_exception(), log_on_standard_error():
         return _run(options)
 
@@ -56,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     """Run the command and tell what went wrong; returns the exit code."""
     try:
+        check_working_folder()
         return options.command(options)
     except DescriptionError as error:
         problems = error.problems
@@ -80,7 +77,7 @@ def _run(options: argparse.Namespace) -> int:
         sys.stderr.close()
         return 1
     except OSError as error:
-        print_error(f"{f'{error.filename}: ' if error.filename else ''}{reason(error)}.")
+        print_error(explain(error))
         return 1
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from ..model import Component
 from .assets import assets
 from .compile import COMMON_SOURCES, RUNTIME, SOURCES, TARGETS, TUPLES, BuildError, compile_binary, host_platform
-from .interface import Fmi
+from .contract import Fmi, header
 from .python.python_package import BINARIES, PROXY, library, resources
 
 
@@ -38,8 +38,8 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
         return model_description(traced, guid, version, sources=SOURCES)
 
     names = sorted((*COMMON_SOURCES, f"fmi{fmi}.c", f"fmi{fmi}.h"))
-    runtime = {name: (RUNTIME / name).read_bytes() for name in names}
-    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *runtime.values())
+    runtime = {name: (RUNTIME / name).read_bytes() for name in names} | {"contract.h": header(fmi).encode()}
+    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *(runtime[name] for name in sorted(runtime)))
     sources = {"model.c": model_c(traced, guid, fmi).encode(), **runtime}
     files = {
         "modelDescription.xml": described(guid),
@@ -73,6 +73,7 @@ def build_python(
     blank = model_description(traced, "", version, sources=(), native=False)
     embedded = resources(kind, root or Path(__file__).parents[3])
     proxy = {name: path.read_bytes() for name, path in (("proxy.c", PROXY), ("fmi2.h", RUNTIME / "fmi2.h"))}
+    proxy["contract.h"] = header(2).encode()
     chosen = platforms or (host_platform(),)
     libraries = {name: library(name) for name in chosen}
     parts = (blank, *(path.encode() + b"\0" + embedded[path] for path in sorted(embedded)), *proxy.values())

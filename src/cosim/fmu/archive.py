@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import stat
 import zipfile
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
 from ..errors import DescriptionError
@@ -55,3 +57,26 @@ def checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
         more = len(problems) - len(shown)
         raise DescriptionError([*shown, f"{source}: {more} more members like these."] if more else shown)
     return members
+
+
+def unpack(archive: zipfile.ZipFile, folder: Path, needed: Callable[[str], bool] = lambda name: True) -> None:
+    """Write the members whose names are ``needed`` into ``folder``.
+
+    Raises DescriptionError if a member is refused, or if the folder cannot take them: a disk is full, for example.
+    """
+    for member in checked_members(archive):
+        if not needed(member.filename):
+            continue
+        target = folder.joinpath(*PurePosixPath(member.filename).parts)
+        try:
+            if member.is_dir():
+                target.mkdir(parents=True, exist_ok=True)
+                continue
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with archive.open(member) as source, target.open("wb") as file:
+                shutil.copyfileobj(source, file)
+        except OSError as error:
+            raise DescriptionError(
+                f"{Path(str(archive.filename)).name}: cannot be unpacked into {folder}: {error.strerror or error}. "
+                "The variable TMPDIR names another folder for temporary files."
+            ) from None

@@ -21,7 +21,14 @@ PACKAGE = "motion_cosim"
 PROXY = Path(__file__).with_name("proxy.c")
 BINARIES = {"linux64": "libpythonfmu-export.so", "win64": "pythonfmu-export.dll"}
 """Platform folder -> PythonFMU's library, for the platforms it supports."""
-DECLARATION = ("errors.py", "model.py", "export/interface.py", "export/python/python_instance.py")
+DECLARATION = (
+    "errors.py",
+    "model.py",
+    "export/contract.py",
+    "export/interface.py",
+    "export/python/python_instance.py",
+    "export/python/ticks.py",
+)
 PYTHONFMU = ("_version.py", "default_experiment.py", "enums.py", "fmi2slave.py", "logmsg.py", "variables.py")
 
 _ENTRY = '''\
