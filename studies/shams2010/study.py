@@ -250,7 +250,7 @@ FSMC 26 times worse on sin 2πt and 12 times worse on 5 sin t than the same cont
 as the shipped pair or better. On 0.01 sin t FSMC needs 1.5 µm on the passive plant, with either damping.
 
 Stick-slip (C18): at 10 kHz the table sticks and jumps on 0.01 sin t on both plants, so it is no product of the release
-alone; but the push of the bristles makes the jumps of the shipped plant 7 to 30 times faster. In the chapter's own gains
+alone; but the push of the bristles makes the jumps of the shipped plant 7 to 30 times faster. In the chapter's gains
 (profile P) the table follows and no stick-slip is seen.
 """
 
