@@ -537,6 +537,26 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
             },
         ),
     ),
+    "FrictionFeedforward": (
+        Validation(
+            name="reversals",
+            description="Reversals of a sine, friction added to a force",
+            step_size=STEP,
+            steps=256,
+            shown=("friction_hat", "command"),
+            parameters={"T_s": STEP, "sigma_1_hat": 2e4, "sigma_2_hat": 400.0, "v_s_hat": 4e-3},
+            stimuli={"force": sine(50.0, 7.0, 0.4), "velocity_ref": slope(0.5e-3, 3.0, 0.3)},
+        ),
+        Validation(
+            name="share",
+            description="Eight tenths of a softer friction, two steps a sample",
+            step_size=STEP,
+            steps=256,
+            shown=("friction_hat", "command"),
+            parameters={"T_s": 2.0 * STEP, "share": 0.8, "sigma_0_hat": 1e6, "F_S_hat": 90.0},
+            stimuli={"velocity_ref": slope(1e-3, 4.0, 0.2)},
+        ),
+    ),
     "MillingForce": (
         Validation(
             name="slot",

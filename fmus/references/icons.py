@@ -278,6 +278,21 @@ def friction_pulse(axes: Axes) -> None:
     line(axes, 50 + 33 * x, 50 + 26 * np.sin(1.5 * x), DARK, 3.0)
 
 
+def friction_feedforward(axes: Axes) -> None:
+    """The friction curve, and the sum into which it goes."""
+    arrow(axes, (2, 24), (68, 24), DARK, 2.5)
+    disc(axes, 74, 24, 6, WHITE)
+    arrow(axes, (80, 24), (98, 24))
+    box(axes, 12, 46, 50, 46, PALE)
+    line(axes, (37, 37), (50, 88), STEEL, 2.0)
+    line(axes, (16, 58), (69, 69), STEEL, 2.0)
+    s = np.linspace(0.0, 1.0, 40)
+    level = 8 + 8 * np.exp(-8 * s) + 4 * s
+    line(axes, np.concatenate([37 - 20 * s[::-1], 37 + 20 * s]), np.concatenate([69 - level[::-1], 69 + level]), ORANGE)
+    line(axes, (62, 74), (69, 69), ORANGE, 3.0)
+    arrow(axes, (74, 69), (74, 30), ORANGE, 3.0)
+
+
 # Sources
 
 
@@ -324,6 +339,7 @@ ICONS: dict[str, Callable[[Axes], None]] = {
     "DisturbanceObserver": disturbance_observer,
     "CascadePid": cascade_pid,
     "FrictionPulse": friction_pulse,
+    "FrictionFeedforward": friction_feedforward,
     "Trajectory": trajectory,
     "MillingForce": milling_force,
 }
