@@ -53,8 +53,8 @@ typedef struct {
     double time;                            /* s, reached by the last step */
     double stop;                            /* s, infinite if not defined */
     double tolerance;                       /* of the experiment, 0 if not defined */
-    unsigned long long steps;               /* communication steps taken */
-    unsigned long long sample;              /* controller: index of the next sampling instant */
+    long long steps;                        /* communication steps taken */
+    long long sample;                       /* controller: index of the next sampling instant */
     double origin;                          /* controller: the importer's time at sample 0, s */
     double per_sample;                      /* controller: ticks that make T_s, 0 while time decides */
     double ahead;                           /* controller: ticks to the next sampling instant, valid if per_sample > 0 */
@@ -67,6 +67,7 @@ typedef struct {
     int outputs_dirty;
     int derivatives_dirty;
     int sampled;          /* controller: outputs and next belong to the inputs at the coming sampling instant */
+    int finite;           /* states and outputs are, as they were computed last */
 } State;
 
 typedef struct {
@@ -166,6 +167,16 @@ static int broken_rule(State *s) {
     return -1;
 }
 
+/* Index of the first value that is not finite, else -1. */
+static int not_finite(const double *x, int n) {
+    int bad = 0;
+    for (int i = 0; i < n; i++) bad |= !(fabs(x[i]) <= DBL_MAX); /* without a branch: almost always all are */
+    if (!bad) return -1;
+    for (int i = 0; i < n; i++)
+        if (!isfinite(x[i])) return i;
+    return -1;
+}
+
 #if KIND == CONTROLLER
 static double sampling_time(const State *s) { return s->v[PARAMETER_T_S]; }
 /* The time of the next sample, for the equations. */
@@ -216,12 +227,14 @@ static double whole_if_near(double number, double slack) {
    move with the importer's clock; elsewhere time decides. */
 static void count_ticks(State *s, double step, double end) {
     const double T_s = sampling_time(s);
-    /* the difference of two times is only as exact as these are */
-    const int difference = end - s->time == step;
-    if (step != s->fraction.step || (difference && s->fraction.per_sample == 0.0))
-        s->fraction = fraction_of(step, T_s, DBL_EPSILON * (32.0 * step + (difference ? 2.0 * fabs(end) : 0.0)));
+    if (step != s->fraction.step || (s->fraction.per_sample == 0.0 && end - s->time == step)) {
+        /* the difference of two times is only as exact as these are */
+        const double rounding = end - s->time == step ? 2.0 * fabs(end) : 0.0;
+        s->fraction = fraction_of(step, T_s, DBL_EPSILON * (32.0 * step + rounding));
+    }
     if (s->per_sample > 0.0) {
-        const double drift = s->time + s->ahead / s->per_sample * T_s - sampling_instant(s);
+        const double left = s->ahead > 0.0 ? s->ahead / s->per_sample * T_s : 0.0;
+        const double drift = s->time + left - sampling_instant(s);
         if (fabs(drift) > 0.5 * same_instant(s)) s->origin += drift;
     }
     if (s->fraction.per_sample != s->per_sample) {
@@ -235,9 +248,13 @@ static void count_ticks(State *s, double step, double end) {
 
 /* The number of samples of the step to ``end``: those at its beginning and within it, not the one at its end. */
 static double samples_due(const State *s, double end) {
-    const double last = s->per_sample > 0.0 ? s->fraction.ticks - SAME_TICK : end - same_instant(s);
-    double n;
-    if (s->per_sample > 0.0) return s->ahead < last ? (double)(long)((last - s->ahead) / s->per_sample) + 1.0 : 0.0;
+    double last, n;
+    if (s->per_sample > 0.0) {
+        const double left = s->fraction.ticks - SAME_TICK - s->ahead;
+        if (left < s->per_sample) return left > 0.0 ? 1.0 : 0.0; /* the usual case, without a division */
+        return (double)(long)(left / s->per_sample) + 1.0;
+    }
+    last = end - same_instant(s);
     n = fmax(0.0, ceil((last - sampling_instant(s)) / sampling_time(s)));
     if (n > MAX_SAMPLES) return n;
     while (n > 0.0 && instant_ahead(s, n - 1.0) >= last) n -= 1.0;
@@ -247,6 +264,7 @@ static double samples_due(const State *s, double end) {
 
 static void take_sample(State *s, double t) {
     variant(s)->sample(t, states(s), inputs(s), parameters(s), s->c, outputs(s), s->next);
+    s->finite = not_finite(outputs(s), N_OUTPUTS) < 0 && not_finite(s->next, N_STATES) < 0;
     s->sampled = 1;
     s->outputs_dirty = 0;
 }
@@ -260,6 +278,7 @@ static void refresh(State *s, int derivatives) {
         if (at_sampling_instant(s)) take_sample(s, sample_time(s));
 #else
         variant(s)->output(s->time, states(s), inputs(s), parameters(s), s->c, outputs(s));
+        s->finite = not_finite(states(s), N_STATES + N_OUTPUTS) < 0;
 #endif
         s->outputs_dirty = 0;
     }
@@ -276,16 +295,6 @@ static void refresh(State *s, int derivatives) {
 static void touch(State *s) {
     s->outputs_dirty = s->derivatives_dirty = 1;
     s->sampled = 0;
-}
-
-/* Index of the first value that is not finite, else -1. */
-static int not_finite(const double *x, int n) {
-    double zero = 0.0;
-    for (int i = 0; i < n; i++) zero += 0.0 * x[i];
-    if (zero == 0.0) return -1;
-    for (int i = 0; i < n; i++)
-        if (!isfinite(x[i])) return i;
-    return -1;
 }
 
 /* ---- life cycle ---- */
@@ -552,7 +561,7 @@ static int is_sound(const State *s) {
     }
     if (!s->parameters_dirty && s->variant != variant_index(s->v)) return 0;
     if (!isfinite(s->start) || !isfinite(s->time) || !isfinite(s->origin) || !(s->stop > s->start)) return 0;
-    if (!(isfinite(s->tolerance) && s->tolerance >= 0.0)) return 0;
+    if (!(isfinite(s->tolerance) && s->tolerance >= 0.0) || s->sample < 0 || s->steps < 0) return 0;
     if (!(s->per_sample == 0.0 || (s->per_sample >= 1.0 && s->per_sample <= MOST_PER_SAMPLE))) return 0;
     if (!(s->ahead >= 0.0 && s->ahead <= MOST_TICKS)) return 0;
     if (!(fraction->per_sample == 0.0 || (fraction->per_sample >= 1.0 && fraction->per_sample <= MOST_PER_SAMPLE))) return 0;
@@ -597,6 +606,8 @@ static int restore_state(Instance *instance, const Saved *saved, const char *fun
     }
     memcpy(&instance->s, &saved->s, sizeof instance->s);
     instance->s.variant = variant_index(instance->s.v);
+    instance->s.finite = not_finite(states(&instance->s), N_STATES + N_OUTPUTS) < 0 &&
+                         not_finite(instance->s.next, N_STATES) < 0;
     return OK;
 }
 
@@ -831,13 +842,11 @@ static int advance(Instance *instance, double step, double end, const char *func
         return UNFINISHED;
     }
     for (long left = (long)n; left > 0; left--) {
-        int output, state;
         if (!s->sampled) take_sample(s, sample_time(s));
-        output = not_finite(outputs(s), N_OUTPUTS);
-        state = not_finite(s->next, N_STATES);
-        if (output >= 0 || state >= 0) {
-            say(instance, UNFINISHED, SAY_SAMPLE_NOT_FINITE, function,
-                variables[output >= 0 ? OUTPUT_0 + output : STATE_0 + state].name, sampling_instant(s));
+        if (!s->finite) {
+            const int output = not_finite(outputs(s), N_OUTPUTS);
+            const int reference = output >= 0 ? OUTPUT_0 + output : STATE_0 + not_finite(s->next, N_STATES);
+            say(instance, UNFINISHED, SAY_SAMPLE_NOT_FINITE, function, variables[reference].name, sampling_instant(s));
             s->time = fmax(s->time, sampling_instant(s));
             s->phase = STEP_FAILED;
             return UNFINISHED;
@@ -863,7 +872,6 @@ static int advance(Instance *instance, double step, double end, const char *func
 static int steppable(Instance *instance, double time, double step, const char *function) {
     const State *s = instance ? &instance->s : NULL;
     const double end = time + step;
-    double rounding;
     if (illegal(instance, MAY_STEP, function)) return 0;
     if (!(isfinite(step) && step > 0.0 && !isinf(end))) {
         say(instance, ERROR, SAY_STEP_SIZE, function, step);
@@ -876,8 +884,7 @@ static int steppable(Instance *instance, double time, double step, const char *f
         return 0;
     }
     /* the time of an importer that adds up may be off by the rounding of each sum */
-    rounding = (8.0 + (double)s->steps) * DBL_EPSILON * fabs(s->stop);
-    if (end > s->stop + 1e-6 * step + rounding) {
+    if (end > s->stop && end > s->stop + 1e-6 * step + (8.0 + (double)s->steps) * DBL_EPSILON * fabs(s->stop)) {
         say(instance, ERROR, SAY_BEHIND_STOP, function, end, s->stop);
         fail(instance);
         return 0;
@@ -897,11 +904,9 @@ static int step_to(Instance *instance, double time, double step, const char *fun
 #else
     s->outputs_dirty = s->derivatives_dirty = 1;
     if (status == OK) {
-        int i;
         refresh(s, 0);
-        i = not_finite(outputs(s), N_OUTPUTS);
-        if (i >= 0) {
-            say(instance, UNFINISHED, SAY_RESULT_NOT_FINITE, function, variables[OUTPUT_0 + i].name, s->time);
+        if (!s->finite) {
+            say(instance, UNFINISHED, SAY_RESULT_NOT_FINITE, function, variables[not_finite_result(s)].name, s->time);
             s->time = time; /* the last one that was successful */
             s->phase = STEP_FAILED;
             return UNFINISHED;
