@@ -47,18 +47,18 @@ typedef struct {
 
 typedef struct {
     double v[N_VARIABLES];
-    double next[AT_LEAST_1(N_STATES)];      /* controller: state of the next sample, valid while sampled */
-    double c[AT_LEAST_1(N_CONSTANTS)];      /* derived from parameters */
-    double start;                           /* s */
-    double time;                            /* s, reached by the last step */
-    double stop;                            /* s, infinite if not defined */
-    double tolerance;                       /* of the experiment, 0 if not defined */
-    long long steps;                        /* communication steps taken */
-    long long sample;                       /* controller: index of the next sampling instant */
-    double origin;                          /* controller: the importer's time at sample 0, s */
-    double per_sample;                      /* controller: ticks that make T_s, 0 while time decides */
-    double ahead;                           /* controller: ticks to the next sampling instant, valid if per_sample > 0 */
-    Fraction fraction;                      /* controller: of the last step */
+    double next[AT_LEAST_1(N_STATES)]; /* controller: state of the next sample, valid while sampled */
+    double c[AT_LEAST_1(N_CONSTANTS)]; /* derived from parameters */
+    double start;                      /* s */
+    double time;                       /* s, reached by the last step */
+    double stop;                       /* s, infinite if not defined */
+    double tolerance;                  /* of the experiment, 0 if not defined */
+    long long steps;                   /* communication steps taken */
+    long long sample;                  /* controller: index of the next sampling instant */
+    double origin;                     /* controller: the importer's time at sample 0, s */
+    double per_sample;                 /* controller: ticks that make T_s, 0 while time decides */
+    double ahead;                      /* controller: ticks to the next sampling instant, valid if per_sample > 0 */
+    Fraction fraction;                 /* controller: of the last step */
     Integrator integrator;
     int variant;
     int phase;
@@ -66,8 +66,8 @@ typedef struct {
     int parameters_dirty; /* constants, variant and (before the first step) the initial state are to be computed */
     int outputs_dirty;
     int derivatives_dirty;
-    int sampled;          /* controller: outputs and next belong to the inputs at the coming sampling instant */
-    int finite;           /* states and outputs are, as they were computed last */
+    int sampled; /* controller: outputs and next belong to the inputs at the coming sampling instant */
+    int finite;  /* states and outputs are, as they were computed last */
 } State;
 
 typedef struct {
@@ -139,7 +139,8 @@ static const Variant *variant(const State *s) { return &variants[s->variant]; }
 static int variant_index(const double *p) {
     int index = 0;
 #if N_CHOICES > 0
-    for (int i = 0; i < N_CHOICES; i++) index = index * choices[i].count + (int)p[choices[i].parameter] - choices[i].first;
+    for (int i = 0; i < N_CHOICES; i++)
+        index = index * choices[i].count + (int)p[choices[i].parameter] - choices[i].first;
 #else
     (void)p;
 #endif
@@ -150,8 +151,7 @@ static void refresh_parameters(State *s) {
     if (!s->parameters_dirty) return;
     s->variant = variant_index(parameters(s));
     variant(s)->constants(s->time, NULL, NULL, parameters(s), NULL, s->c);
-    if (s->phase & BEFORE)
-        variant(s)->initial(s->start, NULL, NULL, parameters(s), NULL, states(s));
+    if (s->phase & BEFORE) variant(s)->initial(s->start, NULL, NULL, parameters(s), NULL, states(s));
     s->parameters_dirty = 0;
 }
 
@@ -273,8 +273,8 @@ static unsigned named_categories(Instance *instance, size_t n, const char *const
     return categories;
 }
 
-static int set_up(Instance *instance, int tolerance_defined, double tolerance, double start, int stop_defined, double stop,
-                  const char *function) {
+static int set_up(Instance *instance, int tolerance_defined, double tolerance, double start, int stop_defined,
+                  double stop, const char *function) {
     if (!isfinite(start) || (stop_defined && !(isfinite(stop) && stop > start))) {
         say(instance, ERROR, SAY_WRONG_TIMES, function, start, stop_defined ? stop : start);
         return fail(instance);
@@ -295,8 +295,8 @@ static void enter_initialization(Instance *instance) {
     instance->s.phase = INITIALIZATION;
 #if KIND == PLANT
     if (instance->s.tolerance > 0.0 && !instance->s.tolerance_set)
-        instance->s.v[PARAMETER_TOLERANCE] = fmin(fmax(instance->s.tolerance, variables[PARAMETER_TOLERANCE].min),
-                                                  variables[PARAMETER_TOLERANCE].max);
+        instance->s.v[PARAMETER_TOLERANCE] =
+            fmin(fmax(instance->s.tolerance, variables[PARAMETER_TOLERANCE].min), variables[PARAMETER_TOLERANCE].max);
 #endif
 }
 
@@ -368,8 +368,10 @@ static int refused(Instance *instance, unsigned reference, double value, const c
     const int before = instance->s.phase & BEFORE;
     double kept;
     if (variable->role != INPUT && variable->role != TUNABLE && !(variable->role == FIXED && before)) {
-        if (variable->role == FIXED) say(instance, ERROR, SAY_FIXED, function, variable->name);
-        else say(instance, ERROR, SAY_COMPUTED, function, variable->name);
+        if (variable->role == FIXED)
+            say(instance, ERROR, SAY_FIXED, function, variable->name);
+        else
+            say(instance, ERROR, SAY_COMPUTED, function, variable->name);
         return fail(instance);
     }
     if (variable->role == TUNABLE && instance->s.phase == CONTINUOUS_TIME) {
@@ -475,8 +477,9 @@ static void partial_derivatives(State *s, double *partials) {
 #endif
 }
 
-static int directional_derivative(Instance *instance, const unsigned unknowns[], size_t n_unknown, const unsigned knowns[],
-                                  size_t n_known, const double seed[], double result[], const char *function) {
+static int directional_derivative(Instance *instance, const unsigned unknowns[], size_t n_unknown,
+                                  const unsigned knowns[], size_t n_known, const double seed[], double result[],
+                                  const char *function) {
     double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
     double direction[AT_LEAST_1(N_KNOWN)] = {0.0};
     if (illegal(instance, MAY_DIFFERENTIATE, function) || missing(instance, unknowns, n_unknown, function) ||
@@ -542,7 +545,8 @@ static int set_time(Instance *instance, double time, const char *function) {
 
 static int set_continuous_states(Instance *instance, const double x[], size_t n, const char *function) {
     int i;
-    if (illegal(instance, MAY_SET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_SET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function))
+        return ERROR;
     i = not_finite(x, N_CONTINUOUS);
     if (i >= 0) {
         say(instance, DISCARD, SAY_STATES_NOT_FINITE, function, variables[STATE_0 + i].name, x[i]);
@@ -554,7 +558,8 @@ static int set_continuous_states(Instance *instance, const double x[], size_t n,
 }
 
 static int continuous_states(Instance *instance, double x[], size_t n, const char *function) {
-    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function))
+        return ERROR;
     refresh_parameters(&instance->s);
     for (int i = 0; i < N_CONTINUOUS; i++) x[i] = states(&instance->s)[i];
     return OK;
@@ -563,7 +568,9 @@ static int continuous_states(Instance *instance, double x[], size_t n, const cha
 static int state_derivatives(Instance *instance, double derivatives[], size_t n, const char *function) {
     State *s;
     int i;
-    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, derivatives, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_GET_CONTINUOUS, function) ||
+        wrong_length(instance, derivatives, n, N_CONTINUOUS, function))
+        return ERROR;
     s = &instance->s;
     s->integrator.derivatives += s->derivatives_dirty != 0;
     refresh(s, 1);
@@ -576,7 +583,8 @@ static int state_derivatives(Instance *instance, double derivatives[], size_t n,
 
 /* There are none. */
 static int event_indicators(Instance *instance, const double indicators[], size_t n, const char *function) {
-    return illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, indicators, n, 0, function) ? ERROR : OK;
+    return illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, indicators, n, 0, function) ? ERROR
+                                                                                                                 : OK;
 }
 
 static int state_nominals(Instance *instance, double values[], size_t n, const char *function) {
@@ -596,8 +604,15 @@ static int advance(Instance *instance, double step, double end, const char *func
                                           [INTEGRATE_TOO_MANY_STEPS] = REASON_TOO_MANY_STEPS,
                                           [INTEGRATE_NOT_FINITE] = REASON_NOT_FINITE};
     State *s = &instance->s;
-    Problem problem = {variant(s)->derivative, variant(s)->jacobian, N_STATES > N_CONTINUOUS ? variant(s)->update : NULL,
-                       inputs(s), parameters(s), s->c, nominals, s->v[PARAMETER_TOLERANCE], MAX_ATTEMPTS};
+    Problem problem = {variant(s)->derivative,
+                       variant(s)->jacobian,
+                       N_STATES > N_CONTINUOUS ? variant(s)->update : NULL,
+                       inputs(s),
+                       parameters(s),
+                       s->c,
+                       nominals,
+                       s->v[PARAMETER_TOLERANCE],
+                       MAX_ATTEMPTS};
     const int code = integrate(&problem, &s->integrator, s->time, end, states(s));
     (void)step;
     if (code == INTEGRATE_OK) {

@@ -62,7 +62,8 @@ static void count_ticks(State *s, double step, double end) {
     }
     if (s->fraction.per_sample != s->per_sample) {
         const double n = s->fraction.per_sample;
-        if (s->per_sample > 0.0) s->ahead = whole_if_near(s->ahead / s->per_sample * n, SAME_TICK);
+        if (s->per_sample > 0.0)
+            s->ahead = whole_if_near(s->ahead / s->per_sample * n, SAME_TICK);
         else
             s->ahead = fmax(0.0, whole_if_near((sampling_instant(s) - s->time) / T_s * n, same_instant(s) / T_s * n));
         s->per_sample = n;

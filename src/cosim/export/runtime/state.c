@@ -41,9 +41,11 @@ static int is_sound(const State *s) {
     if (!(isfinite(s->tolerance) && s->tolerance >= 0.0) || s->sample < 0 || s->steps < 0) return 0;
     if (!(s->per_sample == 0.0 || (s->per_sample >= 1.0 && s->per_sample <= MOST_PER_SAMPLE))) return 0;
     if (!(s->ahead >= 0.0 && s->ahead <= MOST_TICKS)) return 0;
-    if (!(fraction->per_sample == 0.0 || (fraction->per_sample >= 1.0 && fraction->per_sample <= MOST_PER_SAMPLE))) return 0;
+    if (!(fraction->per_sample == 0.0 || (fraction->per_sample >= 1.0 && fraction->per_sample <= MOST_PER_SAMPLE)))
+        return 0;
     if (!(fraction->ticks >= 0.0 && fraction->ticks <= MOST_TICKS)) return 0;
-    return isfinite(s->integrator.step) && s->integrator.failing >= -1 && s->integrator.failing < AT_LEAST_1(N_CONTINUOUS);
+    return isfinite(s->integrator.step) && s->integrator.failing >= -1 &&
+           s->integrator.failing < AT_LEAST_1(N_CONTINUOUS);
 }
 
 /* Memory for a state where *saved points to none yet. */
@@ -83,8 +85,8 @@ static int restore_state(Instance *instance, const Saved *saved, const char *fun
     }
     memcpy(&instance->s, &saved->s, sizeof instance->s);
     instance->s.variant = variant_index(instance->s.v);
-    instance->s.finite = not_finite(states(&instance->s), N_STATES + N_OUTPUTS) < 0 &&
-                         not_finite(instance->s.next, N_STATES) < 0;
+    instance->s.finite =
+        not_finite(states(&instance->s), N_STATES + N_OUTPUTS) < 0 && not_finite(instance->s.next, N_STATES) < 0;
     return OK;
 }
 
@@ -97,7 +99,8 @@ static int free_state(Instance *instance, void **saved, const char *function) {
 }
 
 static int state_size(Instance *instance, const void *saved, size_t *size, const char *function) {
-    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function) || missing(instance, size, 1, function))
+    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function) ||
+        missing(instance, size, 1, function))
         return ERROR;
     *size = sizeof(Saved);
     return OK;
