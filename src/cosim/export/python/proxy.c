@@ -326,11 +326,13 @@ static int resource_folder(const Instance *instance, const char *uri, char *fold
 static int read_guid(Instance *instance, const char *folder) {
     FILE *file = open_resource(folder, "guid.txt");
     size_t length;
+    char *end;
     if (!file) return 0;
     length = fread(instance->guid, 1, GUID_BYTES - 1, file);
     fclose(file);
     instance->guid[length] = 0;
-    instance->guid[strcspn(instance->guid, "\r\n")] = 0;
+    end = strpbrk(instance->guid, "\r\n");
+    if (end) *end = 0;
     return 1;
 }
 
