@@ -33,7 +33,7 @@ ROOMS = (
     Room("cosim.model", ["cosim.errors", "cosim.units"]),
     Room("fmus", ["cosim.model"]),
     Room("cosim.fmu", TRAVELLING, ["fmpy.model_description", "lxml"]),
-    Room("cosim.export", [*TRAVELLING, "cosim.fmu", "fmus"], ["casadi", "jinja2", "numpy", "pythonfmu", "scipy"]),
+    Room("cosim.export", [*TRAVELLING, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.system", [*TRAVELLING, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
     Room("cosim.result", TRAVELLING, ["matplotlib", "numpy", "pandas", "pyarrow"]),
     Room(
@@ -57,7 +57,7 @@ ROOMS = (
         [*TRAVELLING, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
         ["jinja2", "markdown_it", "matplotlib", "numpy", "pydantic"],
     ),
-    Room("cosim.commands", ["cosim"], ["numpy", "rich"]),
+    Room("cosim.commands", ["cosim", "fmus"], ["numpy", "rich"]),
     Room("cosim.__init__", ["cosim"]),
     Room("cosim.__main__", ["cosim"]),
 )

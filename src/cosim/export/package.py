@@ -13,7 +13,7 @@ from ..model import Component
 from .assets import assets
 from .compile import COMMON_SOURCES, RUNTIME, SOURCES, TARGETS, TUPLES, BuildError, compile_binary, host_platform
 from .interface import Fmi
-from .python.python_package import BINARIES, PROXY, library, resources
+from .python.python_package import BINARIES, PROXY, external_dependencies, library, resources
 
 
 def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = (), fmi: Fmi = 2) -> Path:
@@ -77,6 +77,7 @@ def build_python(kind: type[Component], output: Path, cache: Path, platforms: Se
         "modelDescription.xml": model_description(traced, guid, version, sources=(), native=False),
         "documentation/index.html": documentation(traced, version, native=False),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
+        "documentation/externalDependencies.txt": external_dependencies(kind).encode(),
         **_common(kind, 2),
         "resources/guid.txt": guid.encode(),
         **{f"resources/{path}": content for path, content in embedded.items()},
