@@ -8,7 +8,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from cosim.commands.build import build_all, build_arguments, make_references
+from cosim.commands.build import build_all, build_arguments, build_loop, make_references
 from cosim.commands.cli import exit_code
 from cosim.export.workspace import Workspace
 
@@ -23,4 +23,5 @@ if __name__ == "__main__":
     options = parser.parse_args()
     if options.references:
         sys.exit(exit_code(lambda: make_references(WORKSPACE, WORKSPACE.select(options.names)) > 0))
-    sys.exit(exit_code(lambda: build_all(options, WORKSPACE, ROOT / "build" / "fmus", split=True)))
+    failed = exit_code(lambda: build_loop(options.platform, WORKSPACE.cache) or 0)
+    sys.exit(failed or exit_code(lambda: build_all(options, WORKSPACE, ROOT / "build" / "fmus", split=True)))

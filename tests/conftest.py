@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
 
 from cosim.export.compile import host_platform
+from cosim.export.loop_library import FOLDER, compile_loop
 from cosim.export.workspace import Flavour, Workspace
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # Background jobs of a shell without job control start so, as under nohup. Then no child process of a test could be
+    # interrupted, either.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
@@ -21,6 +28,12 @@ def built(flavour: Flavour) -> Path:
     problems = [f"{name}: {error}" for name, _, error in WORKSPACE.build(stale, folder, platforms, flavour) if error]
     assert not problems, "\n".join(problems)
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_loop() -> None:
+    """The inner loop of the master, current."""
+    compile_loop([host_platform()], FOLDER, WORKSPACE.cache)
 
 
 @pytest.fixture(scope="session")

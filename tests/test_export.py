@@ -163,7 +163,8 @@ def test_fmu_is_valid_and_complete(native: Path, name: str) -> None:
 def test_directional_derivatives_are_those_of_python(native: Path, name: str) -> None:
     kind = WORKSPACE.component(name)
     smooth = {d.attribute: 0.0 for d in declarations(kind) if "resolution" in d.name}  # a quantiser has slope 0
-    component, dice = kind(**smooth), random.Random(name)
+    component: Any = kind(**smooth)
+    dice = random.Random(name)
     with Instance(native / f"{name}.fmu") as fmu:
         fmu.initialize(parameter_values(component))
         u = random_input(kind, dice)

@@ -327,9 +327,13 @@ def test_failed_integration_is_discarded_with_its_time(python: Path) -> None:
 def test_error_in_edited_equations_is_one_readable_line(python: Path, tmp_path: Path) -> None:
     path = edited(python / "PPi.fmu", tmp_path / "PPi.fmu", "1.0 - pole", "1.0 - pule")
     with Instance(path) as fmu:
-        fmu.initialize()
-        assert fmu.step_status(0.0, 1e-4) == ERROR
-        assert fmu.messages[-1] == "test: fmi2DoStep: PPi failed in Python: NameError: name 'pule' is not defined"
+        fmu.fmu.setupExperiment()
+        fmu.fmu.enterInitializationMode()
+        assert fmu.status("ExitInitializationMode") == ERROR
+        assert (
+            fmu.messages[-1]
+            == "test: fmi2ExitInitializationMode: PPi failed in Python: NameError: name 'pule' is not defined"
+        )
 
 
 def test_wrong_guid_gives_no_instance(python: Path) -> None:

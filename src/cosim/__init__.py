@@ -10,25 +10,34 @@ on first use: components and their export need nothing of what runs FMUs.
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import design
-    from .errors import CosimError, DescriptionError, SimulationError, TraceError
-    from .master.instance import CallError
-    from .master.run import Interrupted
+    from .errors import CosimError, DescriptionError, FileError, SimulationError, TraceError
+    from .master.instance import CallError, RunError
+    from .master.isolation import ProcessError
+    from .master.run import Interrupted, SignalError
     from .master.simulation import Simulation, simulate
     from .result import metrics, plots
     from .result.result import Result
     from .system.system import System, make_system, read_system
 
+# The library prints nothing: without a handler of the program, Python would print warnings.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
+
 __all__ = [
     "CallError",
     "CosimError",
     "DescriptionError",
+    "FileError",
     "Interrupted",
+    "ProcessError",
     "Result",
+    "RunError",
+    "SignalError",
     "Simulation",
     "SimulationError",
     "System",
@@ -42,9 +51,10 @@ __all__ = [
 ]
 
 _HOMES = {
-    "errors": ("CosimError", "DescriptionError", "SimulationError", "TraceError"),
-    "master.instance": ("CallError",),
-    "master.run": ("Interrupted",),
+    "errors": ("CosimError", "DescriptionError", "FileError", "SimulationError", "TraceError"),
+    "master.instance": ("CallError", "RunError"),
+    "master.isolation": ("ProcessError",),
+    "master.run": ("Interrupted", "SignalError"),
     "master.simulation": ("Simulation", "simulate"),
     "result.result": ("Result",),
     "system.system": ("System", "make_system", "read_system"),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CosimError, DescriptionError, suggest
-from .console import complain, remark, standard_output
+from .console import Bar, make_table, print_error, print_note, standard_output
 
 if TYPE_CHECKING:
     from ..export.workspace import Flavour, Workspace
@@ -28,7 +28,7 @@ NEEDED: Mapping[str, Sequence[str]] = {
 """Packages of the extra ``build`` that each flavour needs."""
 
 
-def add_build(commands: Any) -> None:
+def add(commands: Any) -> None:
     """Add ``build`` to the subparsers of ``cosim``."""
     parser = commands.add_parser(
         "build",
@@ -38,7 +38,7 @@ def add_build(commands: Any) -> None:
     )
     parser.add_argument("names", nargs="+", metavar="FILE.py[:CLASS]", help="a component's file, or a library name")
     build_arguments(parser)
-    parser.set_defaults(command=build_command)
+    parser.set_defaults(command=_run)
 
 
 def build_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def build_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def build_command(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """``cosim build``: FMUs into ``--output``, by default the current folder."""
     from ..export.workspace import Workspace
 
@@ -115,6 +115,13 @@ def cache_folder() -> Path:
     return Path(tempfile.gettempdir()) / f"motion-cosim-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
 
 
+def build_loop(platform: str, cache: Path) -> None:
+    """Compile the master's inner loop for the platforms that ``--platform`` names, where it is not there yet."""
+    from ..export.loop_library import FOLDER, compile_loop
+
+    compile_loop(_platforms(platform, "native"), FOLDER, cache)
+
+
 def _platforms(choice: str, flavour: Flavour) -> tuple[str, ...]:
     from ..export.compile import TARGETS, host_platform
     from ..export.python.python_package import BINARIES
@@ -131,34 +138,27 @@ def _build(
     workspace: Workspace, names: Sequence[str], output: Path, platforms: tuple[str, ...], flavour: Flavour
 ) -> list[CosimError]:
     """Build what changed of one flavour and show a table; what went wrong."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.table import Table
-
     stale = workspace.stale(names, output, platforms, flavour)
     seconds: dict[str, float] = {}
     problems: dict[str, CosimError] = {}
-    console = standard_output()
-    if stale:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-            task = progress.add_task(f"Building {LABELS[flavour]} FMUs", total=len(stale))
-            for name, spent, error in workspace.build(stale, output, platforms, flavour):
-                seconds[name] = spent
-                if error:
-                    problems[name] = error
-                progress.advance(task)
-    table = Table(title=f"{LABELS[flavour]} FMUs in {output} for {', '.join(platforms)}")
-    for head in ("FMU", "size / kB", "time / s", "state"):
-        table.add_column(head, justify="left" if head in ("FMU", "state") else "right")
+    with Bar(f"Building {LABELS[flavour]} FMUs") as bar:
+        for name, spent, error in workspace.build(stale, output, platforms, flavour) if stale else ():
+            seconds[name] = spent
+            if error:
+                problems[name] = error
+            bar.update(len(seconds), len(stale), name)
+    numbers = ("Size / kB", "Time / s")
+    title = f"{LABELS[flavour]} FMUs in {output} for {', '.join(platforms)}"
+    table = make_table("FMU", *numbers, "State", right=numbers, title=title)
     for name in names:
         state = "failed" if name in problems else "built" if name in seconds else "unchanged"
         target = output / f"{name}.fmu"
         size = f"{target.stat().st_size / 1024:.0f}" if target.exists() else ""
         table.add_row(name, size, f"{seconds[name]:.1f}" if name in seconds else "", state)
-    console.print(table)
+    standard_output().print(table)
     for error in problems.values():
         for line in error.problems if isinstance(error, DescriptionError) else (str(error),):
-            complain(line)
+            print_error(line)
     return list(problems.values())
 
 
@@ -172,7 +172,7 @@ def _tell_drafts(workspace: Workspace, names: Sequence[str]) -> None:
         if missing:
             place = folder(path, name)
             shown = place.relative_to(workspace.root) if place.is_relative_to(workspace.root) else place
-            remark(f"{name} is a draft. A release has more in {shown.as_posix()}: {', '.join(missing)}.")
+            print_note(f"{name} is a draft. A release has more in {shown.as_posix()}: {', '.join(missing)}.")
 
 
 def make_references(workspace: Workspace, names: Sequence[str]) -> int:
@@ -185,14 +185,14 @@ def make_references(workspace: Workspace, names: Sequence[str]) -> int:
     failed = 0
     for name in names:
         if name not in EXPERIMENTS:
-            remark(f"{name}: no experiments in fmus/references/experiments.py, no references.")
+            print_note(f"{name}: no experiments in fmus/references/experiments.py, no references.")
             continue
         try:
             report = write(workspace, name, EXPERIMENTS[name], drawer(name))
         except CosimError as error:
             failed += 1
-            complain(str(error))
+            print_error(str(error))
             continue
         worst = max(signal.share for outcome in report.outcomes for signal in outcome.signals)
-        remark(f"{name}: {len(report.outcomes)} experiments, at most {worst:.2g} of a tolerance")
+        print_note(f"{name}: {len(report.outcomes)} experiments, at most {worst:.2g} of a tolerance")
     return failed

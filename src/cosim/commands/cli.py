@@ -1,59 +1,89 @@
-"""The command line: ``cosim run``, ``check``, ``info``, ``list``, ``study``, ``verify``, ``build``.
+"""The command line: one module a command, their errors and exit codes.
 
-Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.
+Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, 130 interrupted,
+143 and 129 ended by SIGTERM and SIGHUP. Nothing heavy is imported before a command runs.
 """
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from ..errors import CosimError, DescriptionError
-from .build import add_build
-from .console import complain, fmus_argument
-from .design import add_commands
-from .fmus import copy_command, fmu_path, info_command, list_command
-from .run import check_command, export_command, run_command, system_arguments
-from .verify import add_verify
+from ..master.signals import Ended, ending_by_exception
+from . import (
+    build,
+    check,
+    export,
+    fmus,
+    identify,
+    info,
+    learn,
+    linearize,
+    list,
+    run,
+    stability,
+    study,
+    sweep,
+    tune,
+    verify,
+)
+from .console import log_on_standard_error, print_error
+from .surroundings import check_working_folder, explain, prepare_streams
 
-TOOLS = ("control", "distributed", "scipy")
+COMMANDS = (
+    *(run, check, export, info, list, fmus, study, verify, build),
+    *(sweep, identify, stability, learn, tune, linearize),
+)
+"""The commands in the order in which the help shows them."""
+TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
 """Packages of the extra ``tools``, which design tools need."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
+    prepare_streams()
+    options = _parser().parse_args(arguments)
     return exit_code(lambda: options.command(options))
 
 
 def exit_code(command: Callable[[], int]) -> int:
     """Run a command; whatever it raises on purpose is printed and becomes an exit code."""
+    with ending_by_exception(), log_on_standard_error():
+        return _guarded(command)
+
+
+def _guarded(command: Callable[[], int]) -> int:
+    """Run a command and tell what went wrong; returns the exit code."""
     try:
+        check_working_folder()
         return command()
     except DescriptionError as error:
         problems = error.problems
         if len(problems) > 1:
-            complain(f"{len(problems)} problems:")
+            print_error(f"{len(problems)} problems:")
         for problem in problems:
-            complain(problem)
+            print_error(problem)
         return 2
     except CosimError as error:
-        complain(str(error))
+        print_error(str(error))
         return 1
     except ModuleNotFoundError as error:
         if error.name not in TOOLS:
             raise
-        complain(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
+        print_error(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
         return 2
-    except KeyboardInterrupt:
-        complain("Interrupted.")
-        return 130
+    except KeyboardInterrupt as interruption:
+        print_error("Interrupted.")
+        return 128 + (interruption.number if isinstance(interruption, Ended) else signal.SIGINT)
     except BrokenPipeError:
         # Whoever read our output (head, less) has gone.
         sys.stderr.close()
+        return 1
+    except OSError as error:
+        print_error(explain(error))
         return 1
 
 
@@ -69,101 +99,12 @@ class _Version(argparse.Action):
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="cosim",
-        description="Co-simulation of FMI 2.0 FMUs for precision motion.",
-        epilog="Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.",
+        description="Co-simulation of FMUs for precision motion.",
+        epilog="Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, "
+        "130 interrupted, 143 and 129 ended by SIGTERM and SIGHUP.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-
-    run = commands.add_parser(
-        "run",
-        help="run a system",
-        description="Run a system and show what came out.",
-        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet",
-    )
-    system_arguments(run)
-    run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
-    run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
-    run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
-    run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
-    run.set_defaults(command=run_command)
-
-    check = commands.add_parser(
-        "check",
-        help="check a system without running it",
-        description="Check a system file and say how it will run.",
-        epilog="Example: cosim check studies/shams2010/fsmc_5sin.toml",
-    )
-    system_arguments(check)
-    check.set_defaults(command=check_command)
-
-    export = commands.add_parser(
-        "export",
-        help="write a system as SSP for other tools, or as TOML",
-        description="Write a system with its FMUs as an SSP 1.0 package, which other tools run too, or as a TOML file.",
-        epilog="Example: cosim export studies/shams2010/fsmc_5sin.toml -o fsmc_5sin.ssp",
-    )
-    system_arguments(export)
-    export.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="FILE", help="SYSTEM.ssp, or SYSTEM.toml with SYSTEM_fmus/"
-    )
-    export.set_defaults(command=export_command)
-
-    info = commands.add_parser(
-        "info",
-        help="show the variables of an FMU",
-        description="Show what an FMU offers: variables with unit, start value and bounds, and its feedthrough.",
-        epilog="Example: cosim info BallscrewStage",
-    )
-    info.add_argument("fmu", metavar="FMU", help="a name in the FMU folder, such as BallscrewStage, or an .fmu file")
-    fmus_argument(info)
-    info.set_defaults(command=info_command)
-
-    listing = commands.add_parser(
-        "list", help="list FMUs, systems and studies", description="List the FMUs found and the systems shipped."
-    )
-    fmus_argument(listing)
-    listing.set_defaults(command=list_command)
-
-    fmus = commands.add_parser(
-        "fmus", help="hand FMUs out", description="Hand FMUs out; 'cosim list' shows which there are."
-    ).add_subparsers(metavar="WHAT", required=True)
-    copy = fmus.add_parser(
-        "copy",
-        help="copy FMUs into a folder, for other tools",
-        description="Copy FMUs into a folder, for other tools. Files that are the same already stay as they are.",
-        epilog="Example: cosim fmus copy my_fmus BallscrewStage FuzzySlidingMode Trajectory",
-    )
-    copy.add_argument("folder", type=Path, metavar="DIR", help="folder to copy to; it is made if it is not there")
-    copy.add_argument("names", nargs="*", metavar="NAME", help="FMUs, such as BallscrewStage (default: all)")
-    copy.add_argument("--force", action="store_true", help="replace files of the same name")
-    fmus_argument(copy)
-    copy.set_defaults(command=copy_command)
-
-    study = commands.add_parser(
-        "study",
-        help="run a study and write its report",
-        description="Run all systems of a study and write its report: what was published, what was measured.",
-        epilog="Example: cosim study shams2010 --output results/shams2010",
-    )
-    study.add_argument("name", metavar="NAME", help="a study, such as shams2010; cosim list shows all")
-    study.add_argument("--output", type=Path, metavar="DIR", help="folder of the report (default: results/NAME)")
-    study.add_argument("--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*'")
-    study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
-    fmus_argument(study)
-    study.set_defaults(command=_study)
-
-    add_verify(commands, fmu_path)
-    add_build(commands)
-    add_commands(commands)
+    for command in COMMANDS:
+        command.add(commands)
     return parser
-
-
-def _study(options: argparse.Namespace) -> int:
-    from ...cosim import study
-
-    return study.main(options.name, options.output, runs=options.runs, jobs=options.jobs, fmus=options.fmus)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

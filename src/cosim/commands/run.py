@@ -1,212 +1,249 @@
-"""``cosim run``, ``check`` and ``export``: commands that take a system."""
+"""``cosim run``: run a system and show what came out."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
-from contextlib import AbstractContextManager
+from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE, SIMPLE_HEAD
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
-from ..errors import DescriptionError, suggest
-from .console import complain, fmus_argument, remark, standard_output
+from ..errors import CosimError, DescriptionError
+from .console import Bar, make_table, print_error, print_json, print_note, standard_output
+from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    import numpy as np
+    from numpy.typing import NDArray
 
-    from ..master.instance import CallError
+    from ..master.instance import RunError
+    from ..result.record import RecordWriter
     from ..result.result import Result
     from ..result.summary import Row
     from ..system.system import System
 
-
+MOST_BYTES = 2**28
+"""Rows of a run that stay in memory: longer records go to the file as they come, figures are of every n-th row then."""
 MAX_SHOWN_MESSAGES = 20
+MAX_SHOWN_TEXT = 1000
+_GRAVITY = {"OK": 0, "Warning": 1, "Discard": 2}
+"""How bad the status of a message is; all others are worse."""
 
 
-def system_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of every command that takes a system."""
-    parser.add_argument("system", metavar="SYSTEM", help="a system file, or one of 'cosim list' (shams2010/fsmc_5sin)")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="INST.VAR=VALUE",
-        dest="values",
-        help="a start value, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
+def add(commands: Any) -> None:
+    """Add ``run``."""
+    run = commands.add_parser(
+        "run",
+        help="run a system",
+        description="Run a system and show what came out.",
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.csv",
     )
-    parser.add_argument("--stop-time", metavar="SECONDS", help="end of the run, such as 2.5")
-    parser.add_argument("--step-size", metavar="SECONDS", help="communication step, such as 1e-4")
-    parser.add_argument(
-        "--order", metavar="ORDER", help="sequential, parallel, or instances such as trajectory,controller,plant"
+    system_arguments(run)
+    run.add_argument(
+        "--output", type=Path, metavar="FILE", help="write the record as .csv, or as .parquet with the extra parquet"
     )
-    parser.add_argument(
-        "--record",
-        action="append",
-        metavar="PATTERN",
-        help="what to record, such as plant.position or 'controller.*'; may be repeated (default: as in the file)",
+    run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
+    run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
+    run.add_argument(
+        "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
     )
-    parser.add_argument("--decimation", type=int, metavar="N", help="record every N-th communication point")
-    fmus_argument(parser)
-
-
-# Systems
-
-
-def _system(options: argparse.Namespace) -> System:
-    from ..system.system import read_system
-    from ..system.values import parse_value
-
-    values: dict[str, object] = {}
-    problems: list[str] = []
-    for item in options.values:
-        name, equals, value = item.partition("=")
-        if not equals:
-            problems.append(f"--set {item}: write INSTANCE.VARIABLE=VALUE, such as plant.m=70.")
-        else:
-            values[name.strip()] = parse_value(value.strip())
-    if problems:
-        raise DescriptionError(problems)
-    order = options.order
-    if order is not None and order not in ("sequential", "parallel"):
-        order = [name.strip() for name in order.split(",")]
-    return read_system(
-        _system_path(options.system),
-        values,
-        fmus=options.fmus,
-        stop_time=options.stop_time,
-        step_size=options.step_size,
-        order=order,
-        record=options.record,
-        decimation=options.decimation,
+    run.add_argument("--timeout", metavar="SECONDS", help="end the run if a call of an FMU takes longer, such as 30")
+    run.add_argument(
+        "--in-process",
+        action="store_true",
+        help="run the FMUs in this process, for a debugger: an FMU that crashes takes everything with it",
     )
+    run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
+    run.set_defaults(command=_run)
 
 
-def _system_path(text: str) -> Path:
-    from ..fmu.places import shipped_file, shipped_systems
-
-    path = shipped_file(text)
-    if path.exists() or text.endswith((".toml", ".ssp", ".ssd")):
-        return path
-    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped_systems())}")
-
-
-def check_command(options: argparse.Namespace) -> int:
-    """Check a system and say how it will run."""
-    system = _system(options)
-    console = standard_output()
-    console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("Instance", "FMU", "Start values", "Steps over"):
-        table.add_column(heading)
-    for instance in system.instances:
-        values = ", ".join(f"{name} = {value}" for name, value in list(instance.start.items())[:8])
-        more = f" and {len(instance.start) - 8} more" if len(instance.start) > 8 else ""
-        over = f"{system.step_size * instance.step_multiple} s"
-        table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
-    console.print(table)
-    for connection in system.connections:
-        scaled = "" if connection.factor == 1.0 else f" * {connection.factor:g}"
-        shifted = "" if connection.offset == 0.0 else f" + {connection.offset:g}"
-        source, target = (".".join(end) for end in (connection.source, connection.target))
-        console.print(f"  {escape(source)}{scaled}{shifted} -> {escape(target)}")
-    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
-    console.print(f"Order: {escape(how)}")
-    console.print(
-        f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
-        f"{len(system.record)} variables recorded, {system.steps // system.decimation + 1} rows"
-    )
-    for note in system.notes:
-        console.print(f"[yellow]note:[/] {escape(note)}")
-    console.print("No problems.")
-    return 0
-
-
-def export_command(options: argparse.Namespace) -> int:
-    """Write a system as SSP or TOML."""
-    from ..system.ssp_write import write_ssp
-    from ..system.toml_write import write_toml
-
-    writers = {".ssp": write_ssp, ".toml": write_toml}
-    suffix = options.output.suffix.lower()
-    if suffix not in writers:
-        raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")
-    system = _system(options)
-    path = writers[suffix](system, options.output)
-    standard_output().print(
-        f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."
-    )
-    return 0
-
-
-def run_command(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """Run a system and show what came out."""
     begun = time.perf_counter()
-    if options.output is not None:
-        from ..result.result import check_output
-
-        check_output(options.output)
-    system = _system(options)
-    from ..master.instance import CallError
+    _check(options)
+    system = given_system(options)
+    from ..master.instance import RunError
     from ..master.run import Interrupted
-    from ..master.simulation import simulate
 
     if not options.json:
         for note in system.notes:
-            remark(f"note: {note}")
+            print_note(f"note: {note}")
+    record = _RecordFile(system, options.output)
     try:
-        with _Bar(system) as bar:
-            result = simulate(system, progress=bar.update, debug=options.debug)
-    except CallError as error:
-        _failed(error, options)
-        return 1
+        with Bar("Seconds") as bar:
+            result = _simulate(system, options, bar, record)
+    except RunError as error:
+        return _failed(error, options, record)
     except Interrupted as interruption:
-        complain(f"Interrupted. {_kept(interruption.result, options)}")
-        _finish(interruption.result, options, begun)
-        return 130
-    _finish(result, options, begun)
-    return 0
+        _finish(interruption.result, options, record, begun, interrupted=True)
+        return 128 + interruption.number
+    finally:
+        record.discard()
+    return _finish(result, options, record, begun)
 
 
-def _failed(error: CallError, options: argparse.Namespace) -> None:
-    if error.result is not None:
-        _show_messages(error.result, but=error.message)
-    complain(str(error))
-    if error.result is not None and error.result.time.size:
-        remark(_kept(error.result, options))
-        _save(error.result, options)
-
-
-def _kept(result: Result, options: argparse.Namespace) -> str:
-    if not result.time.size:
-        return "Nothing had been computed."
-    rows = f"Computed up to {result.time[-1]:.9g} s ({result.time.size} rows)"
-    if options.output is None:
-        return f"{rows}; name a file with --output to keep them."
-    return f"{rows}, kept in {options.output}."
-
-
-def _save(result: Result, options: argparse.Namespace) -> None:
+def _check(options: argparse.Namespace) -> None:
+    """Raise DescriptionError for all options that cannot work, before anything runs."""
+    problems: list[str] = []
+    checks: list[tuple[Path, Callable[[Path], None]]] = []
     if options.output is not None:
-        result.save(options.output)
+        from ..result.record import check_output
+
+        checks.append((options.output, check_output))
+    if options.plot is not None:
+        from ..result.plots import check_picture
+
+        checks.append((options.plot, check_picture))
+    for path, check in checks:
+        try:
+            check(path)
+        except DescriptionError as error:
+            problems += error.problems
+    try:
+        limit = None if options.timeout is None else float(options.timeout)
+    except ValueError:
+        limit = 0.0
+    if limit is not None and not 0.0 < limit < float("inf"):
+        problems.append(f"--timeout {options.timeout}: give a positive number of seconds, such as 30.")
+    elif limit is not None and options.in_process:
+        problems.append("--timeout: only works for FMUs in a process of their own. Leave --in-process out.")
+    if problems:
+        raise DescriptionError(problems)
+    options.timeout = limit
+
+
+def _simulate(system: System, options: argparse.Namespace, bar: Bar, record: _RecordFile) -> Result:
+    length = float(system.stop_time - system.start_time)
+
+    def progress(share: float) -> None:
+        bar.update(share * length, length)
+
+    if options.in_process:
+        from ..master.simulation import simulate
+
+        return simulate(system, progress=progress, debug=options.debug, keep_going=options.keep_going)
+    from ..master.isolation import simulate_isolated
+
+    return simulate_isolated(
+        system,
+        progress=progress,
+        debug=options.debug,
+        keep_going=options.keep_going,
+        timeout=options.timeout,
+        sink=record,
+        most_bytes=MOST_BYTES,
+    )
+
+
+class _RecordFile:
+    """The file of ``--output``, if there is one: written at the end, or as rows come if they are too many."""
+
+    def __init__(self, system: System, path: Path | None) -> None:
+        self._system = system
+        self._path = path
+        self._writer: RecordWriter | None = None
+        self._rows = 0
+
+    def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+        """Take rows while the run goes on."""
+        self._rows += len(rows)
+        if self._path is None:
+            return
+        if self._writer is None:
+            from ..master.run import result_columns, system_metadata
+            from ..result.record import RecordWriter
+
+            self._writer = RecordWriter(self._path, result_columns(self._system), system_metadata(self._system))
+        self._writer.write(times, rows)
+
+    def thinned(self, result: Result) -> int:
+        """Of how many rows the result holds one; 1 if it holds all."""
+        return int(result.metadata["decimation"]) // self._system.decimation
+
+    def save(self, result: Result) -> None:
+        """Complete the file. Raises FileError."""
+        if self._writer is not None:
+            late = ("steps", "warnings", "total_seconds", "stepping_seconds")
+            solver = {instance: dict(counts) for instance, counts in result.solver.items()}
+            known = {name: result.metadata[name] for name in late}
+            writer, self._writer = self._writer, None
+            writer.finish({**known, "partial": result.partial, "solver": solver})
+        elif self._path is not None:
+            result.save(self._path)
+
+    def discard(self) -> None:
+        """Remove a file that is not complete."""
+        if self._writer is not None:
+            self._writer.discard()
+
+    def count(self, result: Result) -> int:
+        """Rows of the run, all of them."""
+        return self._rows or len(result.time)
+
+
+def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -> int:
+    """Tell of a run that failed and keep what it computed; returns the exit code."""
+    from ..master.isolation import RecordError
+
+    result = error.result
+    if result is not None:
+        _show_messages(result, but=error.message)
+    print_error(str(error))
+    if result is not None and result.time.size:
+        if isinstance(error, RecordError):
+            print_note(f"Computed up to {result.time[-1]:.9g} s.")
+        else:
+            _save(result, options, record)
+    return 1
+
+
+def _save(result: Result, options: argparse.Namespace, record: _RecordFile) -> bool:
+    """Write the files of a run; whether that went well. Tells of what was not written, and of a run that ended early.
+
+    An error in one file does not keep the other from being written.
+    """
+    well = True
+    kept = "; name a file with --output to keep them" if options.output is None else f", kept in {options.output}"
+    if options.output is not None and result.time.size:
+        try:
+            record.save(result)
+        except CosimError as error:
+            print_error(str(error))
+            well, kept = False, ""
+    if result.partial and not result.time.size:
+        print_note("Nothing had been computed.")
+    elif result.partial:
+        print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
     if options.plot is not None and result.time.size > 1:
         from ..result.plots import plot_run
 
-        plot_run(result, options.plot)
+        try:
+            plot_run(result, options.plot)
+        except CosimError as error:
+            print_error(str(error))
+            well = False
+    return well
 
 
-def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
-    """Messages, files and the summary that end a run."""
+def _finish(
+    result: Result, options: argparse.Namespace, record: _RecordFile, begun: float, *, interrupted: bool = False
+) -> int:
+    """Messages, files and the summary that end a run; returns the exit code."""
+    from ..result.summary import not_finite
+
+    bad = not_finite(result)
+    for name, since in bad.items():
+        print_note(f"warning: {name} is not finite from {since:.9g} s on. No figure is computed from it.")
     _show_messages(result)
-    _save(result, options)
+    if interrupted:
+        print_error("Interrupted.")
+    well = _save(result, options, record)
+    every = record.thinned(result)
+    if every > 1:
+        print_note(f"note: {record.count(result)} rows; figures and pictures are of every {every}th.")
     figures = _figures(result)
     facts = result.metadata
     simulated = facts["steps"] * facts["step_size"]
@@ -224,21 +261,14 @@ def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
             "real_time_factor": factor,
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
-            "figures": [
-                {"name": row.name, "value": row.value if isfinite(row.value) else None, "unit": row.unit}
-                for row in figures
-            ],
+            "not_finite": bad,
+            "figures": [{"name": row.name, "value": row.value, "unit": row.unit} for row in figures],
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
         }
-        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
-        return
-    table = Table(
-        title=escape(str(facts["description"] or facts["system"])), title_justify="left", show_header=False, box=SIMPLE
-    )
-    table.add_column()
-    table.add_column(justify="right")
-    table.add_column()
+        print_json(summary)
+        return 0 if well else 1
+    table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{simulated:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
     table.add_row("Time of the steps", f"{facts['stepping_seconds']:.3g}", f"s, {factor:.3g} times real time")
@@ -256,8 +286,9 @@ def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
     console = standard_output()
     console.print(table)
     for file in (options.output, options.plot):
-        if file is not None:
-            console.print(f"Written: {escape(str(file))}")
+        if file is not None and well:
+            console.print(f"Written: {escape(str(file))}", soft_wrap=True)
+    return 0 if well else 1
 
 
 def _figures(result: Result) -> list[Row]:
@@ -273,38 +304,11 @@ def _figures(result: Result) -> list[Row]:
 def _show_messages(result: Result, but: str = "") -> None:
     """What FMUs logged, without the message ``but``, which is told elsewhere."""
     messages = [message for message in result.messages if message.text != but]
-    for message in messages[:MAX_SHOWN_MESSAGES]:
-        remark(str(message))
-    more = len(messages) - MAX_SHOWN_MESSAGES + result.dropped_messages
+    # The worst of them first, so that many harmless ones do not hide it; then in the order of time again.
+    worst = sorted(messages, key=lambda message: _GRAVITY.get(message.status, 3), reverse=True)[:MAX_SHOWN_MESSAGES]
+    for message in sorted(worst, key=lambda message: message.time):
+        text = str(message)
+        print_note(text if len(text) <= MAX_SHOWN_TEXT else f"{text[:MAX_SHOWN_TEXT]} ... ({len(text)} characters)")
+    more = len(messages) - len(worst) + result.dropped_messages
     if more > 0:
-        remark(f"and {more} more messages")
-
-
-class _Bar(AbstractContextManager["_Bar"]):
-    """A progress bar for work of more than a second, on a terminal only."""
-
-    def __init__(self, system: System) -> None:
-        self._length = float(system.stop_time - system.start_time)
-        self._start = time.perf_counter()
-        self._bar: Progress | None = None
-
-    def update(self, fraction: float) -> None:
-        if self._bar is None:
-            if time.perf_counter() - self._start < 1.0 or not sys.stderr.isatty():
-                return
-            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = BarColumn(), TextColumn("{task.completed:.3g} of {task.total:g} s"), TimeRemainingColumn()
-            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._bar.add_task("", total=self._length)
-            self._bar.start()
-        self._bar.update(self._bar.task_ids[0], completed=fraction * self._length)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        print_note(f"and {more} more messages")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..model import Component
-from .interface import Fmi
+from .contract import Fmi
 
 REFERENCES = "references"
 """Folder in ``fmus``."""

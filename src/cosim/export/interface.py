@@ -13,8 +13,6 @@ from typing import Any, Literal
 from ..model import Choice, Component, Controller, Declaration, Plant, Record, declarations, unflatten
 
 Role = Literal["fixed", "tunable", "input", "state", "output", "derivative", "counter", "independent"]
-Fmi = Literal[2, 3]
-"""Major version of the interface."""
 Type = Literal["Real", "Integer", "Boolean", "Enumeration"]
 
 COUNTERS = (

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ..model import Controller, Plant
-from .interface import Fmi, Variable, fmi3_variables, reference_of, variables_of
+from .contract import Fmi
+from .interface import Variable, fmi3_variables, reference_of, variables_of
 from .trace import Trace
 
 _TYPES: Mapping[Fmi, Mapping[str, str]] = {

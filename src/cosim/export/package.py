@@ -12,7 +12,7 @@ from ..fmu.archive import write_zip
 from ..model import Component
 from .assets import assets
 from .compile import COMMON_SOURCES, RUNTIME, SOURCES, TARGETS, TUPLES, BuildError, compile_binary, host_platform
-from .interface import Fmi
+from .contract import Fmi, header
 from .python.python_package import BINARIES, PROXY, external_dependencies, library, resources
 
 
@@ -21,7 +21,7 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
 
     ``platforms`` are keys of ``TARGETS``, by default this machine's. ``cache`` keeps compiled binaries.
     Raises DescriptionError for a wrong declaration, TraceError for equations that cannot be traced, BuildError for C
-    that does not compile or a file that cannot be written.
+    that does not compile, FileError for a file that cannot be written.
     """
     from .fmi2_xml import build_description, model_description
     from .fmi3_xml import model_description3
@@ -38,8 +38,8 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
         return model_description(traced, guid, version, sources=SOURCES)
 
     names = sorted((*COMMON_SOURCES, f"fmi{fmi}.c", f"fmi{fmi}.h"))
-    runtime = {name: (RUNTIME / name).read_bytes() for name in names}
-    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *runtime.values())
+    runtime = {name: (RUNTIME / name).read_bytes() for name in names} | {"contract.h": header(fmi).encode()}
+    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *(runtime[name] for name in sorted(runtime)))
     sources = {"model.c": model_c(traced, guid, fmi).encode(), **runtime}
     files = {
         "modelDescription.xml": described(guid),
@@ -69,6 +69,7 @@ def build_python(kind: type[Component], output: Path, cache: Path, platforms: Se
     blank = model_description(traced, "", version, sources=(), native=False)
     embedded = resources(kind)
     proxy = {name: path.read_bytes() for name, path in (("proxy.c", PROXY), ("fmi2.h", RUNTIME / "fmi2.h"))}
+    proxy["contract.h"] = header(2).encode()
     chosen = platforms or (host_platform(),)
     libraries = {name: library(name) for name in chosen}
     parts = (blank, *(path.encode() + b"\0" + embedded[path] for path in sorted(embedded)), *proxy.values())
@@ -101,10 +102,7 @@ def _common(kind: type[Component], fmi: Fmi) -> dict[str, bytes]:
 
 
 def _written(target: Path, files: Mapping[str, bytes]) -> Path:
-    try:
-        write_zip(target, files, "modelDescription.xml")
-    except OSError as error:
-        raise BuildError(f"{target}: cannot be written ({error.strerror}). Give another folder.") from error
+    write_zip(target, files, "modelDescription.xml")
     return target
 
 

@@ -19,8 +19,9 @@ from typing import Any
 from ..model import Component, Controller, Plant
 from ..units import conversion
 from .assets import EXTRA, GUIDE, ICON, ICONS, PICTURE, asset_files, measured
+from .contract import Fmi
 from .fmi2_xml import summary
-from .interface import Fmi, Variable, variables_of
+from .interface import Variable, variables_of
 from .source_files import component_origin
 from .trace import Trace
 

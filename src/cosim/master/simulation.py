@@ -29,13 +29,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import signal
-import tempfile
-import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -46,9 +42,11 @@ from ..fmu.description import Value, Variable
 from ..result.result import Result
 from ..system.system import System
 from ..system.values import start_value
-from .instance import CallError, FmuInstance, value_references
+from .instance import CallError, FmuInstance, loaded, value_references
+from .isolation import simulate_isolated
 from .program import Program, make_program, same_program
 from .run import Progress, Run
+from .signals import counted
 
 
 def simulate(
@@ -59,14 +57,25 @@ def simulate(
     order: str | list[str] | None = None,
     progress: Progress | None = None,
     debug: bool = False,
+    keep_going: bool = False,
+    isolated: bool = False,
+    timeout: float | None = None,
 ) -> Result:
     """Run ``system`` once. ``debug`` lets the FMUs log everything, not only what went wrong.
 
-    Raises DescriptionError, CallError (with ``result``), or Interrupted (with ``result``) on Ctrl-C.
+    Values on connections that are not finite, or beyond the type of their input, end the run unless ``keep_going``.
+    ``isolated`` runs the FMUs in another process: one that crashes, exits or hangs raises ProcessError. ``timeout`` is
+    then the limit for an FMI call in seconds.
+    Raises DescriptionError; CallError, SignalError or ProcessError (with ``result``, which holds all complete rows); or
+    Interrupted (with ``result``) on Ctrl-C, SIGTERM and SIGHUP.
     """
+    if timeout is not None and not (isolated and timeout > 0.0):
+        raise DescriptionError(f"timeout={timeout}: give a positive number of seconds, and isolated=True.")
     if stop_time is not None or step_size is not None or order is not None:
         system = system.changed(stop_time=stop_time, step_size=step_size, order=order)
-    with Simulation(system, debug=debug) as simulation:
+    if isolated:
+        return simulate_isolated(system, progress=progress, debug=debug, keep_going=keep_going, timeout=timeout)
+    with Simulation(system, debug=debug, keep_going=keep_going) as simulation:
         return simulation.run(progress=progress)
 
 
@@ -80,9 +89,10 @@ class Simulation:
     A context manager: instances exist between entering and leaving it.
     """
 
-    def __init__(self, system: System, *, debug: bool = False) -> None:
+    def __init__(self, system: System, *, debug: bool = False, keep_going: bool = False) -> None:
         self.system = system
         self.debug = debug
+        self.keep_going = keep_going
         self._slaves: list[FmuInstance] = []
         self._fresh = True
         self._program: tuple[System, Program] | None = None
@@ -90,11 +100,7 @@ class Simulation:
         self._resources = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
-        try:
-            self._open()
-        except BaseException:
-            self.close()
-            raise
+        self._slaves = self._resources.enter_context(loaded(self.system, debug=self.debug))
         return self
 
     def __exit__(
@@ -105,9 +111,7 @@ class Simulation:
     def close(self) -> None:
         """Free all instances and delete what was unpacked. Checkpoints end here, too."""
         self._free_saved(self._saved)
-        for slave in self._slaves:
-            slave.free()
-        self._slaves.clear()
+        self._slaves = []
         self._saved = []
         self._program = None
         self._resources.close()
@@ -115,7 +119,7 @@ class Simulation:
     def run(self, system: System | None = None, *, progress: Progress | None = None) -> Result:
         """Run from the start, with another variant of the system if one is given (same instances of the same FMUs)."""
         run = self._ready(self.system if system is None else system)
-        with _watching_for_interrupt() as interrupted:
+        with counted(most=1) as interrupted:
             return run.go(progress, interrupted)
 
     def pause(self, time: float, system: System | None = None) -> Checkpoint:
@@ -127,7 +131,7 @@ class Simulation:
         system = self.system if system is None else system
         point = _point(system, time, least=0)
         run = self._ready(system)
-        with _watching_for_interrupt() as interrupted:
+        with counted(most=1) as interrupted:
             result = run.go(None, interrupted, end=point)
         saved: list[tuple[FmuInstance, Any]] = []
         try:
@@ -138,7 +142,7 @@ class Simulation:
             raise
         self._saved += saved
         program = run.program
-        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.integers.copy())
+        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.others.copy())
 
     def resume(
         self,
@@ -157,11 +161,12 @@ class Simulation:
         if end <= checkpoint.point:
             raise DescriptionError(f"stop time {stop_time} s is not after the checkpoint at {checkpoint.time:.9g} s.")
         values = _changes(system, changes or {})
-        run = Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end)
+        check = not self.keep_going
+        run = Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end, check=check)
         self.restore(checkpoint)
         run.program.values[:] = checkpoint.values
-        run.program.integers[:] = checkpoint.integers
-        with _watching_for_interrupt() as interrupted:
+        run.program.others[:] = checkpoint.others
+        with counted(most=1) as interrupted:
             return run.go_on(values, progress, interrupted)
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -210,7 +215,7 @@ class Simulation:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
             raise DescriptionError(f"{system.name}: not the instances of {self.system.name}. Make a new Simulation.")
-        run = Run(system, self._slaves, self._prepared(system))
+        run = Run(system, self._slaves, self._prepared(system), check=not self.keep_going)
         if not self._fresh:
             for slave in self._slaves:
                 slave.call("fmi2Reset")
@@ -223,24 +228,13 @@ class Simulation:
             self._program = system, make_program(system, self._slaves)
         program = self._program[1]
         program.values[:] = 0.0
-        program.integers[:] = 0
+        program.others[:] = 0
         return program
 
     @staticmethod
     def _free_saved(saved: Sequence[tuple[FmuInstance, Any]]) -> None:
         for slave, state in saved:
             slave.forget(state)
-
-    def _open(self) -> None:
-        folders: dict[str, tuple[Path, Path]] = {}
-        for number, instance in enumerate(self.system.instances):
-            digest = instance.fmu.digest
-            if digest not in folders:
-                folder = Path(self._resources.enter_context(_temporary_folder()))
-                folders[digest] = folder, instance.fmu.extract(folder)
-            slave = FmuInstance(instance, *folders[digest], debug=self.debug)
-            self._slaves.append(slave)
-            slave.load(number)
 
 
 @dataclass(frozen=True)
@@ -254,7 +248,7 @@ class Checkpoint:
     point: int
     saved: Sequence[tuple[FmuInstance, Any]]
     values: NDArray[np.float64]
-    integers: NDArray[np.int32]
+    others: NDArray[np.uint64]
 
 
 def _point(system: System, time: float, *, least: int = 1) -> int:
@@ -290,29 +284,3 @@ def _changes(system: System, changes: Mapping[str, object]) -> list[tuple[int, V
     if problems:
         raise DescriptionError(problems)
     return found
-
-
-def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True)
-
-
-@contextlib.contextmanager
-def _watching_for_interrupt() -> Generator[Callable[[], bool]]:
-    """Ctrl-C sets a flag instead of raising, so that no instance is left half-stepped; a second one raises."""
-    if threading.current_thread() is not threading.main_thread() or (
-        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    ):
-        yield lambda: False
-        return
-    pressed = threading.Event()
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        if pressed.is_set():
-            signal.default_int_handler(number, frame)
-        pressed.set()
-
-    signal.signal(signal.SIGINT, handle)
-    try:
-        yield pressed.is_set
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -13,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
-
-FORMATS = (".csv", ".parquet")
+from .record import Column, RecordWriter
 
 
 @dataclass(frozen=True)
@@ -29,18 +27,6 @@ class Message:
 
     def __str__(self) -> str:
         return f"{self.time:.9g} s {self.instance} [{self.status}] {self.text}"
-
-
-@dataclass(frozen=True)
-class Column:
-    """What a recorded variable is; ``value in display_unit = display_factor*value + display_offset``."""
-
-    name: str
-    unit: str
-    text: str
-    display_unit: str
-    display_factor: float = 1.0
-    display_offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -107,34 +93,14 @@ class Result:
 
     def save(self, path: str | Path) -> Path:
         """Write ``path`` as .csv (comma, quoted names, time first, shortest digits that read back the same) or .parquet
-        (units with each column, metadata with the file). Raises DescriptionError for another ending.
+        (units with each column, metadata with the file; needs pyarrow): whole, or not at all.
+
+        Raises DescriptionError for another ending, FileError if the file cannot be written.
         """
         path = Path(path)
-        check_output(path)
-        arrow: Any = import_module("pyarrow")
-        names: Sequence[Column] = (Column("time", "s", "Time", "s"), *self.columns)
-        fields = [
-            arrow.field(
-                c.name, arrow.float64(), metadata={"unit": c.unit, "display_unit": c.display_unit, "text": c.text}
-            )
-            for c in names
-        ]
-        metadata = {key: value if isinstance(value, str) else json.dumps(value) for key, value in self.metadata.items()}
-        metadata["partial"] = json.dumps(self.partial)
-        metadata["solver"] = json.dumps({instance: dict(counts) for instance, counts in self.solver.items()})
-        columns = [self.time, *(np.ascontiguousarray(self.rows[:, i]) for i in range(len(self.columns)))]
-        table = arrow.Table.from_arrays([arrow.array(c) for c in columns], schema=arrow.schema(fields, metadata))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".csv":
-            import_module("pyarrow.csv").write_csv(table, path)
-        else:
-            import_module("pyarrow.parquet").write_table(table, path)
+        solver = {instance: dict(counts) for instance, counts in self.solver.items()}
+        metadata = {**self.metadata, "partial": self.partial, "solver": solver}
+        with RecordWriter(path, self.columns, metadata) as writer:
+            writer.write(self.time, self.rows)
+            writer.finish({})
         return path
-
-
-def check_output(path: Path) -> None:
-    """Raise DescriptionError unless results can be written as ``path`` says."""
-    if path.suffix not in FORMATS:
-        raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
-    if path.is_dir():
-        raise DescriptionError(f"{path} is a folder. Name a file.")

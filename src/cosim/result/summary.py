@@ -77,6 +77,12 @@ def loops(result: Recorded) -> list[Loop]:
     return found
 
 
+def not_finite(result: Recorded) -> dict[str, float]:
+    """Recorded variables that are NaN or infinite somewhere, each with the first time in seconds."""
+    bad = {name: ~np.isfinite(result[name]) for name in result.names}
+    return {name: float(result.time[int(where.argmax())]) for name, where in bad.items() if where.any()}
+
+
 class Row(NamedTuple):
     """One line of a table of figures."""
 
@@ -90,16 +96,20 @@ def summary(result: Recorded, start: float | None = None) -> list[Row]:
 
     Empty if the run has no loop. Lengths are in um. If the reference rests from ``start`` on at a place other than
     the position's first, overshoot and settling into 2 % of the way are told as well; if two loops go along a circle
-    about the origin, the circular test of its last whole turn.
+    about the origin, the circular test of its last whole turn. No figure is computed from signals that are not finite.
     """
     time = result.time
+    if not time.size:
+        return []
     begin = 0.5 * float(time[0] + time[-1]) if start is None else start
     part = window(time, begin)
     since = f" from {time[part][0]:g} s"
     rows: list[Row] = []
-    found = loops(result)
+    bad = not_finite(result)
+    every = loops(result)
+    found = [loop for loop in every if not {loop.reference, loop.position} & set(bad)]
     for loop in found:
-        prefix = f"{loop.name}: " if len(found) > 1 else ""
+        prefix = f"{loop.name}: " if len(every) > 1 else ""
         length = conversion(result.unit(loop.position), "um")
         error = loop.error(result) * length
         rows += [
@@ -116,7 +126,7 @@ def summary(result: Recorded, start: float | None = None) -> list[Row]:
                 Row(f"{prefix}Overshoot", overshoot(position, first, last) * length, "um"),
                 Row(f"{prefix}Settling into 2 % of the step", settled * 1e3, "ms"),
             ]
-        if loop.command:
+        if loop.command and loop.command not in bad:
             unit = result.unit(loop.command)
             command = result[loop.command]
             rows += [

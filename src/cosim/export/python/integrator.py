@@ -21,7 +21,8 @@ FROM_END = (0.14, 0.0518, 0.04201496598639456, -0.1744299319727891, 0.0656149659
 LINEAR_ERROR, REMAINDER_ERROR = 0.625, 1.0 / 32.0
 """The coefficients of ``attempt`` in integrator.c; tests/test_integrator.py compares them."""
 
-TOO_SMALL, TOO_MANY, NOT_FINITE = "the step size became too small", "too many steps", "a derivative is not finite"
+TOO_SMALL, TOO_MANY, NOT_FINITE = "STEP_TOO_SMALL", "TOO_MANY_STEPS", "NOT_FINITE"
+"""Names of the contract's ``REASONS``."""
 
 Vector = list[float]
 Matrix = list[list[float]]

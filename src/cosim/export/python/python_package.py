@@ -24,7 +24,8 @@ BINARIES = {"linux64": "libpythonfmu-export.so", "win64": "pythonfmu-export.dll"
 DECLARATION = (
     "errors.py",
     "model.py",
-    *(f"export/{name}.py" for name in ("interface", "python/dual", "python/integrator", "python/python_instance")),
+    *(f"export/{name}.py" for name in ("contract", "interface")),
+    *(f"export/python/{name}.py" for name in ("dual", "integrator", "python_instance", "ticks")),
 )
 PYTHONFMU = ("_version.py", "default_experiment.py", "enums.py", "fmi2slave.py", "logmsg.py", "variables.py")
 
