@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
 from cosim.model import Experiment, Plant, Record, Rule, both, clip, either, parameter, round_to, sin, variable, where
-from fmus.physics.lugre import friction_level
+from fmus.physics.lugre import (
+    BRISTLE_NOMINAL,
+    bristle_damping,
+    bristle_rate,
+    friction,
+    friction_level,
+    steady_bristle,
+)
 from fmus.physics.sampling import saturate
 
 TWO_PI = 6.283185307179586
@@ -47,6 +55,11 @@ def drift_rule(drift_amplitude: float, drift_frequency: float) -> Rule:
         either(drift_amplitude <= 0.0, drift_frequency > 0.0),
         "drift_amplitude needs a drift_frequency. Set it above 0.",
     )
+
+
+def harmonics(angle: float, amplitude: Sequence[float], order: Sequence[float], phase: Sequence[float]) -> float:
+    """Sum of amplitude[i]*sin(order[i]*angle + phase[i]), angles in rad, in the unit of the amplitudes."""
+    return sum((a * sin(n * angle + p) for a, n, p in zip(amplitude, order, phase, strict=True)), 0.0)
 
 
 class RigidBallscrew(Plant):
@@ -140,33 +153,75 @@ class RigidBallscrew(Plant):
         return saturate(u.command, self.command_max)
 
     def nut(self, angle: float) -> float:
-        """Travel of the nut [m]."""
+        """Travel of the nut [m]; that of a lead without error unless overridden."""
         return self.l_p * angle
+
+    def nut_velocity(self, x: Any) -> float:
+        """Velocity of the nut [m/s]; that of a lead without error unless overridden."""
+        return self.l_p * x.speed
 
     def pushed(self, x: State) -> float:
         """Position of the table: where it was, unless a flank of the play pushes it."""
         nut = self.nut(x.angle)
         return clip(x.table, nut - self.play_positive, nut + self.play_negative)
 
-    def moves(self, x: State, position: float) -> bool:
-        """Whether a table at ``position`` rests on the flank that drives it."""
-        nut = self.nut(x.angle)
-        near = FLANK * (self.play_positive + self.play_negative)
-        return either(
-            both(x.speed >= 0.0, position <= nut - self.play_positive + near),
-            both(x.speed <= 0.0, position >= nut + self.play_negative - near),
-        )
-
     def update(self, t: float, x: Any, u: Any) -> Any:
         return replace(x, table=self.pushed(x))
 
+    def table_velocity(self, x: State, position: float) -> float:
+        """Velocity of the table at ``position`` [m/s]: that of the nut, or 0 between the flanks of the play."""
+        nut = self.nut(x.angle)
+        near = FLANK * (self.play_positive + self.play_negative)
+        moves = either(
+            both(x.speed >= 0.0, position <= nut - self.play_positive + near),
+            both(x.speed <= 0.0, position >= nut + self.play_negative - near),
+        )
+        return where(moves, self.nut_velocity(x), 0.0)
+
     def measured(self, x: State, torque: float) -> Output:
-        """The outputs of a plant whose nut travels with the lead."""
+        """The outputs, the position as an encoder without interpolation error gives it."""
         position = self.pushed(x)
         return self.Output(
             position=round_to(position, self.resolution),
-            velocity=where(self.moves(x, position), self.l_p * x.speed, 0.0),
+            velocity=self.table_velocity(x, position),
             angle=x.angle,
             speed=x.speed,
             friction_torque=torque,
         )
+
+
+class BristleBallscrew(RigidBallscrew):
+    """Base of the rigid ballscrew plants whose friction has one bristle at the screw; not used itself.
+
+    Source: Canudas de Wit et al., IEEE Trans. Automatic Control 40(3), 1995; Olsson, Control systems with friction,
+    thesis, Lund, 1996 (v_d).
+    """
+
+    sigma_0: float = parameter(1e5, "N.m/rad", "Stiffness of the bristles", min=1e-9, nominal=1e5)
+    sigma_1: float = parameter(316.22776601683796, "N.m.s/rad", "Damping of the bristles", min=0.0, nominal=100.0)
+    v_d: float = parameter(
+        0.0, "rad/s", "Speed over which the damping of the bristles falls (0 = constant)", min=0.0, nominal=1e-2
+    )
+
+    class State(RigidBallscrew.State):
+        bristle: float = variable(0.0, "rad", "Deflection of the bristles", nominal=BRISTLE_NOMINAL)
+
+    def steady_bristle(self, speed: float) -> float:
+        """Deflection of the bristle at the start [rad]."""
+        return self.bristle_start * steady_bristle(speed, self.level(0.0, speed), self.sigma_0)
+
+    def torque(self, x: State, rate: float) -> float:
+        """Friction torque where the bristle moves at ``rate`` [N.m]."""
+        return friction(
+            x.bristle,
+            rate,
+            x.speed,
+            sigma_0=self.sigma_0,
+            sigma_1=bristle_damping(x.speed, self.sigma_1, self.v_d),
+            sigma_2=self.viscous(x.speed),
+        )
+
+    def lugre(self, x: State, level: float) -> tuple[float, float]:
+        """Rate of the bristle and friction torque of LuGre friction with ``level``."""
+        rate = bristle_rate(x.bristle, x.speed, level, self.sigma_0)
+        return rate, self.torque(x, rate)

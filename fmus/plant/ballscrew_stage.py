@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from cosim.model import parameter, variable
-from fmus.physics.ballscrew import RigidBallscrew
-from fmus.physics.lugre import BRISTLE_NOMINAL, bristle_damping, bristle_rate, friction, steady_bristle
+from fmus.physics.ballscrew import BristleBallscrew
 
 
-class BallscrewStage(RigidBallscrew):
+class BallscrewStage(BristleBallscrew):
     """Stage on a rigid ballscrew driven by a motor torque, with LuGre friction at the screw.
 
         der(angle)   = speed
@@ -42,38 +40,19 @@ class BallscrewStage(RigidBallscrew):
     1995; Olsson, Control systems with friction, thesis, Lund, 1996 (v_d).
     """
 
-    sigma_0: float = parameter(1e5, "N.m/rad", "Stiffness of the bristles", min=1e-9, nominal=1e5)
-    sigma_1: float = parameter(316.22776601683796, "N.m.s/rad", "Damping of the bristles", min=0.0, nominal=100.0)
-    v_d: float = parameter(
-        0.0, "rad/s", "Speed over which the damping of the bristles falls (0 = constant)", min=0.0, nominal=1e-2
-    )
-
-    class State(RigidBallscrew.State):
-        bristle: float = variable(0.0, "rad", "Deflection of the bristles", nominal=BRISTLE_NOMINAL)
-
-    def initial(self) -> State:
+    def initial(self) -> BristleBallscrew.State:
         speed = self.velocity_start / self.l_p
-        bristle = self.bristle_start * steady_bristle(speed, self.level(0.0, speed), self.sigma_0)
-        return self.State(angle=self.position_start / self.l_p, speed=speed, bristle=bristle, table=self.position_start)
-
-    def friction(self, t: float, x: State) -> tuple[float, float]:
-        """Rate of the bristle and friction torque."""
-        rate = bristle_rate(x.bristle, x.speed, self.level(t, x.speed), self.sigma_0)
-        torque = friction(
-            x.bristle,
-            rate,
-            x.speed,
-            sigma_0=self.sigma_0,
-            sigma_1=bristle_damping(x.speed, self.sigma_1, self.v_d),
-            sigma_2=self.viscous(x.speed),
+        return self.State(
+            angle=self.position_start / self.l_p,
+            speed=speed,
+            bristle=self.steady_bristle(speed),
+            table=self.position_start,
         )
-        return rate, torque
 
-    def derivative(self, t: float, x: State, u: RigidBallscrew.Input) -> State:
-        rate, torque = self.friction(t, x)
-        speed_rate = self.acceleration(u, self.drive(u), torque)
-        return self.State(angle=x.speed, speed=speed_rate, bristle=rate, table=0.0)
+    def derivative(self, t: float, x: BristleBallscrew.State, u: BristleBallscrew.Input) -> BristleBallscrew.State:
+        rate, torque = self.lugre(x, self.level(t, x.speed))
+        return self.State(angle=x.speed, speed=self.acceleration(u, self.drive(u), torque), bristle=rate, table=0.0)
 
-    def output(self, t: float, x: State, u: RigidBallscrew.Input) -> RigidBallscrew.Output:
-        _, torque = self.friction(t, x)
+    def output(self, t: float, x: BristleBallscrew.State, u: BristleBallscrew.Input) -> BristleBallscrew.Output:
+        _, torque = self.lugre(x, self.level(t, x.speed))
         return self.measured(x, torque)

@@ -201,9 +201,7 @@ class CompliantBallscrew(Plant):
         )
         if self.motor_friction:
             torque = torque + self.T_cm * tanh(x.speed / self.omega_cm)
-        guide_sigma_2 = where(
-            x.velocity < 0.0, self.guide_sigma_2 * self.sigma_2_negative, self.guide_sigma_2
-        )
+        guide_sigma_2 = where(x.velocity < 0.0, self.guide_sigma_2 * self.sigma_2_negative, self.guide_sigma_2)
         if not self.guide_friction:
             return rate, torque, 0.0, guide_sigma_2 * x.velocity
         guide_rate = bristle_rate(x.guide_bristle, x.velocity, self.guide_level(t, x.velocity), self.guide_sigma_0)

@@ -122,6 +122,15 @@ def ballscrew_stage(axes: Axes) -> None:
     arrow(axes, (36, 78), (82, 78))
 
 
+def ballscrew_axis(axes: Axes) -> None:
+    """The stage with a ripple over its travel and an encoder scale."""
+    ballscrew_stage(axes)
+    for x in np.arange(10.0, 92.0, 5.0):
+        line(axes, (x, x), (6, 10), STEEL, 1.8)
+    x = np.linspace(12.0, 90.0, 120)
+    line(axes, x, 90 + 4 * np.sin(0.5 * x) + 1.5 * np.sin(1.0 * x), ORANGE, 2.5)
+
+
 def compliant_ballscrew(axes: Axes) -> None:
     """Two inertias, a spring between them."""
     ground(axes, 18)
@@ -311,6 +320,7 @@ def milling_force(axes: Axes) -> None:
 
 ICONS: dict[str, Callable[[Axes], None]] = {
     "BallscrewStage": ballscrew_stage,
+    "BallscrewAxis": ballscrew_axis,
     "CompliantBallscrew": compliant_ballscrew,
     "LinearMotor": linear_motor,
     "NominalStage": nominal_stage,
