@@ -19,6 +19,7 @@ ROOMS: list[tuple[str, list[str]]] = [
     # pattern of files (the first that fits counts), modules they may import beside the standard library
     ("fmus/references/experiments.py", ["cosim.model", "cosim.validation.exact", "fmus"]),
     ("fmus/references/icons.py", ["matplotlib", "numpy", "PIL"]),
+    ("fmus/references/maxwell_slip.py", ["fmus.plant", "numpy", "scipy"]),
     ("fmus/*", ["cosim.model", "fmus.physics"]),
     ("src/cosim/model.py", TRAVELLING),
     ("src/cosim/units.py", TRAVELLING),

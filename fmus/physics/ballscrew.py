@@ -136,8 +136,11 @@ class RigidBallscrew(Plant):
         """Magnitude of the friction torque without its viscous part, in steady sliding at ``speed``."""
         F_C = where(speed < 0.0, self.F_C * self.F_C_negative, self.F_C)
         F_S = where(speed < 0.0, self.F_S * self.F_S_negative, self.F_S)
-        drift = 1.0 + self.drift_amplitude * sin(TWO_PI * self.drift_frequency * t)
-        return self.friction_scale * drift * friction_level(speed, F_C, F_S, self.v_s)
+        return self.normal_load(t) * friction_level(speed, F_C, F_S, self.v_s)
+
+    def normal_load(self, t: float) -> float:
+        """Factor of F_C and F_S that scale and drift make."""
+        return self.friction_scale * (1.0 + self.drift_amplitude * sin(TWO_PI * self.drift_frequency * t))
 
     def viscous(self, speed: float) -> float:
         """Coefficient of the viscous friction at ``speed`` [N.m.s/rad]."""

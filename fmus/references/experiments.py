@@ -20,6 +20,7 @@ from fmus.physics.milling import Side
 from fmus.physics.nct import Defuzzification
 from fmus.physics.sampling import VelocitySource
 from fmus.physics.sliding import FrictionVelocity
+from fmus.references import maxwell_slip
 from fmus.sources.trajectory import TrajectoryKind
 
 Signal = Callable[[float], float]
@@ -126,6 +127,71 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
                 "bristle_start": 0.98,
             },
             stimuli={"command": sine(17.0, 10.6, 2.0)},
+        ),
+    ),
+    "BallscrewStageElastoPlastic": (
+        Validation(
+            name="presliding",
+            description="Loads that stay elastic, then loops that reach into slip, and break-away",
+            step_size=STEP,
+            steps=128,
+            shown=("position", "velocity", "friction_torque"),
+            parameters={"m": 80.0, "v_s": 5.0, "sigma_1": 30.0, "v_d": 0.5, "elastic_share": 0.6},
+            stimuli={"command": total(sine(3.5, 16.0), after(2.0**-4, sine(4.5, 8.0)), after(0.17, sine(9.0, 6.4)))},
+        ),
+        Validation(
+            name="reversals",
+            description="Started at speed, reversals, asymmetric drifting friction, position measured with 1 um",
+            step_size=STEP,
+            steps=96,
+            shown=("position", "velocity", "friction_torque"),
+            parameters={
+                "v_s": 4.0,
+                "sigma_1": 40.0,
+                "v_d": 0.3,
+                "F_C_negative": 0.8,
+                "F_S_negative": 0.9,
+                "drift_amplitude": 0.1,
+                "drift_frequency": 6.0,
+                "velocity_start": 4e-3,
+                "resolution": 1e-6,
+            },
+            stimuli={"command": sine(17.0, 10.6, 2.0), "load_torque": after(0.1, constant(1.5))},
+        ),
+    ),
+    "BallscrewStageMaxwellSlip": (
+        Validation(
+            name="presliding",
+            description="Nested loops below break-away, then break-away",
+            solution=maxwell_slip.solution,
+            step_size=STEP,
+            steps=128,
+            shown=("position", "velocity", "friction_torque"),
+            parameters={"m": 80.0, "v_s": 5.0, "sigma_1": 30.0, "v_d": 0.2},
+            stimuli={"command": total(sine(4.0, 16.0), after(2.0**-4, sine(3.0, 8.0)), after(0.17, sine(9.0, 6.4)))},
+        ),
+        Validation(
+            name="reversals",
+            description="Started at speed, reversals, asymmetric drifting friction, position measured with 1 um",
+            solution=maxwell_slip.solution,
+            step_size=STEP,
+            steps=96,
+            shown=("position", "velocity", "friction_torque"),
+            parameters={
+                "v_s": 4.0,
+                "sigma_1": 40.0,
+                "v_d": 0.2,
+                "k": (5e4, 2e4, 1e4, 5e3),
+                "alpha": (0.4, 0.3, 0.2, 0.1),
+                "C": 300.0,
+                "F_C_negative": 0.8,
+                "F_S_negative": 0.9,
+                "drift_amplitude": 0.1,
+                "drift_frequency": 6.0,
+                "velocity_start": 4e-3,
+                "resolution": 1e-6,
+            },
+            stimuli={"command": sine(17.0, 10.6, 2.0), "load_torque": after(0.1, constant(1.5))},
         ),
     ),
     "BallscrewAxis": (
