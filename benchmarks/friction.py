@@ -297,17 +297,16 @@ def loops() -> None:
 
 
 def break_away() -> None:
-    rates = np.geomspace(0.3, 1000.0, 15)
-    table = Table("rate / N.m/s", *MODELS, title="break-away torque / N.m: largest friction torque before 1 rad/s")
+    rates = np.geomspace(0.3, 30.0, 11)
+    table = Table("rate / N.m/s", *MODELS, title="break-away torque / N.m: the command when the speed passes 0.1 rad/s")
     found: dict[str, list[float]] = {label: [] for label in MODELS}
     for rate in rates:
         for label, name in MODELS.items():
             with Plant(name) as plant:
-                h, largest = min(1e-3, 1e-2 / rate), 0.0
-                while plant.get("speed")[0] < 1.0:
+                h = min(1e-3, 1e-2 / rate)
+                while plant.get("speed")[0] < 0.1:
                     plant.step(rate * plant.time, h)
-                    largest = max(largest, plant.get("friction_torque")[0])
-            found[label].append(largest)
+            found[label].append(rate * plant.time)
         table.add_row(f"{rate:.3g}", *(f"{values[-1]:.4g}" for values in found.values()))
     figure, ax = plt.subplots(figsize=(6, 3.2), layout="constrained")
     for label, values in found.items():

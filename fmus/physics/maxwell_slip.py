@@ -36,7 +36,10 @@ def element_rate(F: float, slips: float, speed: float, level: float, *, k: float
     along = F * sign(speed)
     sticking = k * abs(speed)
     slipping = minimum(sticking, C * (alpha - along / positive))
-    rate = where(slips_now(F, slips, speed, level, alpha) > 0.5, slipping, sticking)
+    # Until its flag is set, an element that has passed its part holds what it has: its rate then changes with the flag,
+    # and a solver that starts anew where rates have changed starts anew there.
+    held = where(along < alpha * positive, sticking, 0.0)
+    rate = where(both(slips > 0.5, along > 0.0), slipping, held)
     return where(level > 0.0, sign(speed) * rate, 0.0)
 
 

@@ -147,8 +147,9 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
             shown=("position", "velocity", "friction_torque"),
             parameters={
                 "v_s": 4.0,
-                "sigma_1": 40.0,
-                "v_d": 0.3,
+                "sigma_0": 1e4,
+                "sigma_1": 10.0,
+                "v_d": 3.0,
                 "F_C_negative": 0.8,
                 "F_S_negative": 0.9,
                 "drift_amplitude": 0.1,
@@ -204,6 +205,7 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
             parameters={
                 "F_S": 4.5,
                 "v_s": 4.0,
+                "sigma_0": 2e4,
                 "sigma_1": 60.0,
                 "v_d": 2.0,
                 "drive_lag": 4e-3,
