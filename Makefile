@@ -62,7 +62,8 @@ constraints: build-tools
 	rm -rf build/constraints
 	$(BIN)/python -m venv build/constraints
 	build/constraints/bin/python -m pip install --quiet --editable ".[build,importers,test,lint]"
-	build/constraints/bin/python -m pip freeze --exclude-editable > constraints.txt
+	echo "# Written by make constraints: what CI installs." > constraints.txt
+	build/constraints/bin/python -m pip freeze --exclude-editable >> constraints.txt
 
 clean:
 	rm -rf build .pytest_cache .ruff_cache .hypothesis

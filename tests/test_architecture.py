@@ -59,7 +59,7 @@ ROOMS = (
         [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
         ["jinja2", "markdown_it", "matplotlib", "numpy", "pydantic"],
     ),
-    Room("cosim.commands", ["cosim"], ["numpy", "rich"]),
+    Room("cosim.commands", ["cosim", "fmus"], ["numpy", "rich"]),
     Room("cosim.__init__", ["cosim"]),
     Room("cosim.__main__", ["cosim"]),
 )

@@ -19,8 +19,9 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 from instances import DISCARD, ERROR, OK, Instance
 
-from cosim.export.package import build_python, write_zip
+from cosim.export.package import build_python
 from cosim.export.python.python_package import resources
+from cosim.fmu.archive import write_zip
 from cosim.master.simulation import simulate
 from cosim.system.system import read_system
 
@@ -55,7 +56,7 @@ def edited(source: Path, target: Path, old: str, new: str) -> Path:
         for name, content in files.items()
     }
     assert changed != files
-    write_zip(target, changed)
+    write_zip(target, changed, "modelDescription.xml")
     return target
 
 
@@ -94,7 +95,7 @@ def test_equal_sources_give_equal_bytes(tmp_path: Path) -> None:
 
 
 def test_files_of_the_fmu_need_nothing_of_this_project() -> None:
-    for name, content in resources(WORKSPACE.component("NctfPi"), ROOT).items():
+    for name, content in resources(WORKSPACE.component("NctfPi")).items():
         absolute = re.findall(rb"^\s*(?:from|import) (?:cosim|fmus|pythonfmu|casadi|fmpy)\b.*", content, re.MULTILINE)
         assert absolute == [], name
 

@@ -1,4 +1,4 @@
-"""What surrounds a command: encodings, the working folder, temporary files."""
+"""What surrounds a command: encodings, the working folder, temporary files, a user without a home."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def place(tmp_path: Path) -> Path:
 
 
 def cosim(place: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "cosim.commands.cli", *arguments]
+    command = [sys.executable, "-m", "cosim", *arguments]
     environment = {**os.environ, **variables}
     return subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
 
@@ -65,6 +65,18 @@ def test_a_deleted_working_folder_is_named(place: Path, arguments: list[str]) ->
         "error: the working folder cannot be used (No such file or directory): it was deleted, or may not be entered. "
         "Change to another folder.\n"
     )
+
+
+def test_a_user_without_home_and_name_can_run(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the user id of a container that no passwd knows."""
+    code = "import pwd, sys; pwd.getpwuid = {}.__getitem__; from cosim.commands import cli; "
+    code += "sys.exit(cli.main(sys.argv[1:]))"
+    for name in ("HOME", "XDG_CACHE_HOME", "MPLCONFIGDIR"):
+        monkeypatch.delenv(name, raising=False)
+    command = [sys.executable, "-c", code, "run", "größe.toml", "--output", "a.csv", "--plot", "a.png"]
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Written: a.png" in done.stdout
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full, which stands for a full disk")

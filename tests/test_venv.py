@@ -80,10 +80,10 @@ def test_an_extra_is_installed_once(place: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert works(place)
     assert run(place, "build").stderr == ""
-    assert calls(place) == ["install --quiet --editable .[build]"]
+    assert calls(place) == ["install --quiet --no-compile --editable .[build]"]
     assert run(place, "build", "test").returncode == 0
     assert run(place, "build").stderr == run(place, "test").stderr == ""
-    assert calls(place)[1:] == ["install --quiet --editable .[build,test]"]
+    assert calls(place)[1:] == ["install --quiet --no-compile --editable .[build,test]"]
 
 
 def test_changed_dependencies_are_installed(place: Path) -> None:
@@ -93,7 +93,7 @@ def test_changed_dependencies_are_installed(place: Path) -> None:
     assert "Installing" in run(place, "test").stderr
     (place / "pins.txt").write_text("numpy==2.0\n")
     assert "Installing" in run(place, "test", CONSTRAINTS="pins.txt").stderr
-    assert calls(place)[-1] == "install --quiet --editable .[test] --constraint pins.txt"
+    assert calls(place)[-1] == "install --quiet --no-compile --editable .[test] --constraint pins.txt"
 
 
 @pytest.mark.parametrize(

@@ -28,12 +28,15 @@ from .conform import (
     table,
 )
 
+LOAD = "from libcosimpy.CosimManipulator import CosimManipulator"
+"""libcosimpy loads its library when it is first used, not when it is imported."""
+
 
 def why_not_libcosim() -> str:
     """The reason why libcosimpy cannot run on this machine; empty if it can, or if it fails for another reason."""
     if sys.platform == "darwin" or machine() not in ("x86_64", "AMD64"):
         return "libcosimpy has wheels for Linux and Windows on x86-64 only"
-    command = [sys.executable, "-c", "import libcosimpy.CosimExecution"]
+    command = [sys.executable, "-c", f"{LOAD}; CosimManipulator.create_override()"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     missing = re.search(r"(lib[\w.+-]+): cannot open shared object file", done.stderr)
     if missing is None:

@@ -9,11 +9,12 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ..errors import CosimError, DescriptionError
 from ..master.signals import Ended, ending_by_exception
 from . import (
+    build,
     check,
     export,
     fmus,
@@ -33,7 +34,7 @@ from .console import log_on_standard_error, print_error
 from .surroundings import check_working_folder, explain, prepare_streams
 
 COMMANDS = (
-    *(run, check, export, info, list, fmus, study, verify),
+    *(run, check, export, info, list, fmus, study, verify, build),
     *(sweep, identify, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""
@@ -45,15 +46,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     prepare_streams()
     options = _parser().parse_args(arguments)
+    return exit_code(lambda: options.command(options))
+
+
+def exit_code(command: Callable[[], int]) -> int:
+    """Run a command; whatever it raises on purpose is printed and becomes an exit code."""
     with ending_by_exception(), log_on_standard_error():
-        return _run(options)
+        return _guarded(command)
 
 
-def _run(options: argparse.Namespace) -> int:
-    """Run the command and tell what went wrong; returns the exit code."""
+def _guarded(command: Callable[[], int]) -> int:
+    """Run a command and tell what went wrong; returns the exit code."""
     try:
         check_working_folder()
-        return options.command(options)
+        return command()
     except DescriptionError as error:
         problems = error.problems
         if len(problems) > 1:

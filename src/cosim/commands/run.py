@@ -39,10 +39,12 @@ def add(commands: Any) -> None:
         "run",
         help="run a system",
         description="Run a system and show what came out.",
-        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet",
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.csv",
     )
     system_arguments(run)
-    run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
+    run.add_argument(
+        "--output", type=Path, metavar="FILE", help="write the record as .csv, or as .parquet with the extra parquet"
+    )
     run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
     run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
     run.add_argument(

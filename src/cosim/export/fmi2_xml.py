@@ -13,6 +13,7 @@ from ..model import Choice, Component, Plant
 from ..units import BASE_UNITS, parse_unit
 from .contract import Fmi, categories
 from .interface import Variable, variables_of
+from .source_files import is_of_library
 from .trace import Trace
 
 GENERATION_DATE = "2026-01-01T00:00:00Z"
@@ -58,9 +59,7 @@ def description_root(kind: type[Component], version: str, **own: str) -> Element
         own,
         modelName=kind.__name__,
         description=summary(kind),
-        version=version,
-        author="The motion-cosim authors",
-        license="MIT",
+        **({"version": version, "author": "The motion-cosim authors", "license": "MIT"} if is_of_library(kind) else {}),
         generationTool=f"motion-cosim {version}",
         generationDateAndTime=GENERATION_DATE,
         variableNamingConvention="structured",

@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, cast
 
-from ...model import Component, Controller, Plant, Record, Source, fill
+from ...model import Component, Controller, Plant, Record, Source, unflatten
 from .. import contract
 from ..contract import (
     BEFORE,
@@ -37,7 +37,7 @@ from ..contract import (
     TERMINATED,
     WARNING,
 )
-from ..interface import Variable, ordered_states, scalars, variables_of
+from ..interface import Variable, gap_rules, ordered_states, scalars, unchecked, variables_of
 from .ticks import EPSILON, Ticks
 
 CATEGORIES = dict(zip((WARNING, DISCARD, ERROR), contract.CATEGORIES, strict=False))
@@ -116,6 +116,9 @@ class Interface:
         self.from_record = [declared.index(name) for name in ordered]
         self.nominals = [scalar.declaration.nominal for scalar in states[: self.n_continuous]]
         self.references = {variable.name: variable.reference for variable in self.variables}
+        self.gaps = gap_rules(kind)
+        self.whole_states = [(i, v) for i, v in enumerate(self.variables[self.states]) if v.type != "Real"]
+        self.whole_inputs = [(i, v) for i, v in enumerate(self.variables[self.inputs]) if v.type != "Real"]
 
 
 @cache
@@ -125,9 +128,10 @@ def interface(kind: type[Component]) -> Interface:
 
 
 def value_of(variable: Variable, number: float) -> Any:
-    """What a component's field holds for the number an FMU holds."""
+    """What a component's field holds for the number an FMU holds; its start value for a number without a member."""
     if variable.choice is not None:
-        return next(item for item in variable.choice if item.number == int(number))
+        known = {item.number: item for item in variable.choice}
+        return known.get(int(number), known[int(variable.start)])
     return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
 
 
@@ -400,14 +404,14 @@ class Instance:
         """The component with the parameters of now, its bounds and rules not checked again."""
         if self.made is None:
             values = zip(self.face.variables, self.memory.v[self.face.parameters], strict=False)
-            fields = fill(self.kind, iter([value_of(variable, number) for variable, number in values]))
-            self.made = object.__new__(self.kind)
-            for name, value in fields.items():
-                object.__setattr__(self.made, name, value)
+            self.made = unchecked(self.kind, (value_of(variable, number) for variable, number in values))
         return self.made
 
     def broken_rule(self) -> str:
         """The text of the first condition between parameters that does not hold, or ``""``."""
+        gap = next((gap for gap in self.face.gaps if self.memory.v[gap.reference] not in gap.numbers), None)
+        if gap is not None:
+            return gap.text
         self.made = None
         component = self.component()
         self.made = None
@@ -415,11 +419,13 @@ class Instance:
 
     def state(self, values: Sequence[float]) -> Record:
         """The ``State`` of ordered values."""
-        return self.kind.State(**fill(self.kind.State, (values[i] for i in self.face.to_record)))
+        typed = with_types(values, self.face.whole_states)
+        return self.kind.State(**unflatten(self.kind.State, (typed[i] for i in self.face.to_record)))
 
     def input(self) -> Record:
         """The ``Input`` of now."""
-        return self.kind.Input(**fill(self.kind.Input, iter(self.memory.v[self.face.inputs])))
+        values = with_types(self.memory.v[self.face.inputs], self.face.whole_inputs)
+        return self.kind.Input(**unflatten(self.kind.Input, iter(values)))
 
     def states_of(self, call: Callable[[], Any]) -> list[float]:
         """Ordered values of the ``State`` that ``call`` gives."""
@@ -617,6 +623,16 @@ class Instance:
         """Add a solver's counters; scipy does not tell rejected steps."""
         for place, number in ((2, solver.nfev), (3, solver.njev), (4, solver.nlu)):
             self.memory.counts[place] += int(number)
+
+
+def with_types(values: Sequence[float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
+    """Values as equations see them: those of ``whole`` places are no floats."""
+    if not whole:
+        return values
+    typed: list[Any] = list(values)
+    for i, variable in whole:
+        typed[i] = value_of(variable, typed[i])
+    return typed
 
 
 def numbers(call: Callable[[], Any], n: int) -> list[float]:
