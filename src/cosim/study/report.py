@@ -14,6 +14,7 @@ from typing import get_args
 
 from markdown_it import MarkdownIt
 
+from ..files import write_file
 from .rules import Numbers
 from .study import Claim, Missing, Outcome, Outcomes, Status, Study, Verdict
 
@@ -218,9 +219,9 @@ def write_report(folder: Path, name: str, study: Study, outcomes: Outcomes, verd
         except Missing as error:
             missing[key] = str(error)
     text = markdown(name, study, outcomes, verdicts, missing)
-    (folder / "report.md").write_text(text, encoding="utf-8")
+    write_file(folder / "report.md", text)
     page = folder / "report.html"
-    page.write_text(to_html(text, study.title, folder), encoding="utf-8")
+    write_file(page, to_html(text, study.title, folder))
     figures = {
         "runs": {outcome.name: {**_plain(outcome.numbers), **_failure(outcome)} for outcome in outcomes.all()},
         "claims": {
@@ -232,5 +233,5 @@ def write_report(folder: Path, name: str, study: Study, outcomes: Outcomes, verd
             for verdict in verdicts
         },
     }
-    (folder / "figures.json").write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_file(folder / "figures.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
     return page
