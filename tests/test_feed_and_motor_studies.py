@@ -103,7 +103,7 @@ def test_every_ranked_loop_holds_its_reference(native: Path) -> None:
 
 MINE = """
 TITLE = "Mine"
-FMU = "CascadePid"
+FMU = "PATH/CascadePid.fmu"
 INPUTS = {
     "position_ref": "trajectory.position",
     "position_next": "trajectory.position_next",
@@ -122,7 +122,7 @@ def test_a_controller_enters_the_ranking_with_one_file(
 ) -> None:
     folder = tmp_path / "ranking"
     shutil.copytree(STUDIES / "ranking", folder, ignore=shutil.ignore_patterns("__pycache__", "*_*_*.toml"))
-    (folder / "controllers" / "mine.py").write_text(MINE, encoding="utf-8")
+    (folder / "controllers" / "mine.py").write_text(MINE.replace("PATH", native.as_posix()), encoding="utf-8")
     module = script(folder / "tune.py")
     for name, value in {"FMUS": native, "BUDGET": 3, "DIAGONAL": 3, "SEEDS": (1,)}.items():
         monkeypatch.setattr(module, name, value)
