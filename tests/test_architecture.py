@@ -48,7 +48,7 @@ ROOMS = (
         [*BASE, "cosim.fmu", "cosim.export", "cosim.system", "cosim.result"],
         ["fmpy", "lxml", "matplotlib", "numpy", "PIL", "scipy"],
     ),
-    Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL"]),
+    Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL", "scipy"]),
     Room(
         "cosim.design",
         [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
