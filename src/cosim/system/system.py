@@ -40,7 +40,7 @@ from typing import Any
 from ..errors import DescriptionError, suggest
 from ..fmu.description import Value, Variable
 from ..fmu.places import shipped_file
-from .check import SystemCheck
+from .check import checked_fields
 from .document import changed_document, load_document
 from .parts import Connection, Instance, Order, system_digest
 from .values import start_value
@@ -116,7 +116,7 @@ class System:
         plain = overrides and not problems and all(value is None for value in experiment)
         if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
-        return System(**SystemCheck(document, self.name, self.folder, self.fmus, problems).fields())
+        return System(**checked_fields(document, self.name, self.folder, self.fmus, problems))
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
         """Start values by instance, if they are right and the rest of the system cannot depend on them."""
@@ -175,14 +175,14 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return System(**SystemCheck(document, path.name, folder, None if fmus is None else Path(fmus), problems).fields())
+    return System(**checked_fields(document, path.name, folder, None if fmus is None else Path(fmus), problems))
 
 
 def make_system(
     document: Mapping[str, Any], *, name: str = "system", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> System:
     """Check a system given as nested tables, as a system file holds them. ``folder`` is where its paths start."""
-    return System(**SystemCheck(document, name, Path(folder), None if fmus is None else Path(fmus), []).fields())
+    return System(**checked_fields(document, name, Path(folder), None if fmus is None else Path(fmus)))
 
 
 def _read_ssp(path: Path) -> tuple[dict[str, Any], Path]:
