@@ -15,8 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cosim.errors import CosimError
-from cosim.export.embed import BINARIES
-from cosim.export.package import TARGETS, Flavour, Workspace, host_platform
+from cosim.export.compile import TARGETS, host_platform
+from cosim.export.python.python_package import BINARIES
+from cosim.export.workspace import Flavour, Workspace
 
 ROOT = Path(__file__).resolve().parent
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")

@@ -30,7 +30,8 @@ class PrebuiltFmus(BuildHookInterface):
         sys.path.insert(0, str(root / "src"))
         try:
             # this part of the package needs nothing but Python: hatchling's environment has no tool that builds FMUs
-            from cosim.export.package import TARGETS, Workspace, host_platform
+            from cosim.export.compile import TARGETS, host_platform
+            from cosim.export.workspace import Workspace
         finally:
             del sys.path[0]
         choice = os.environ.get("COSIM_WHEEL", "release")

@@ -33,7 +33,7 @@ from scipy.integrate import solve_ivp
 from sksundae.cvode import CVODE
 
 from cosim import read_system, simulate
-from cosim.export.package import FLAGS
+from cosim.export.compile import FLAGS
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

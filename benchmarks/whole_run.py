@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cosim import Simulation, read_system, simulate
-from cosim.export.package import FLAGS
+from cosim.export.compile import FLAGS
 
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEM = ROOT / "studies" / "shams2010" / "fsmc_5sin.toml"

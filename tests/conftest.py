@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.export.package import Flavour, Workspace, host_platform
+from cosim.export.compile import host_platform
+from cosim.export.workspace import Flavour, Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")

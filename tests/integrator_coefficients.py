@@ -1,4 +1,4 @@
-"""The coefficients of src/cosim/export/native/integrator.c from their order conditions, in exact arithmetic.
+"""The coefficients of src/cosim/export/runtime/integrator.c from their order conditions, in exact arithmetic.
 
 With ``w = 1/(1 - gamma*z)`` every operator of the method is a polynomial in ``w`` without constant term. On a linear
 problem the solution is ``x + sum solution[k] w^k (h f)``; what is not linear enters through the remainders at the nodes

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from conftest import WORKSPACE
 
-from cosim.export.layout import layout
+from cosim.export.assets import MEASURED, folder
+from cosim.export.interface import variables_of
 from cosim.export.page import documentation
-from cosim.export.reference import MEASURED, folder
 from cosim.export.trace import trace
 from cosim.model import Choice, Record, Source, parameter, variable
 
@@ -92,7 +92,7 @@ def test_pages_say_all_that_the_docstring_and_the_declaration_say(native: Path, 
             words = " ".join(paragraph.replace("``", "").split()).removeprefix("Source: ")
             assert words in said
     assert {"Source", "Equations", "Parameters", "Outputs", "Validation"} <= set(reader.text.splitlines())
-    for v in layout(trace(kind)):
+    for v in variables_of(kind):
         if v.role != "derivative" and "[" not in v.name:
             assert v.name in said
             assert " ".join(v.text.split()) in said

@@ -15,8 +15,10 @@ from instances import Instance
 
 from cosim.errors import DescriptionError, TraceError
 from cosim.export import package
-from cosim.export.layout import layout
-from cosim.export.trace import choice_number, scalars, trace
+from cosim.export.compile import host_platform
+from cosim.export.interface import choice_number, scalars, variables_of
+from cosim.export.trace import trace
+from cosim.export.workspace import Workspace
 from cosim.model import Controller, Plant, Record, Source, declarations, fill, parameter, variable, where
 
 COMPONENTS = sorted(WORKSPACE.components())
@@ -87,8 +89,8 @@ def test_fmu_computes_what_python_says(native: Path, name: str) -> None:
 
 def check_plant(fmu: Instance, plant: Any, inputs: list[str], outputs: list[str], dice: random.Random) -> None:
     kind = type(plant)
-    rows = [v for v in layout(trace_of(kind)) if v.role == "state"]
-    der = [v.name for v in layout(trace_of(kind)) if v.role == "derivative"]
+    rows = [v for v in variables_of(kind) if v.role == "state"]
+    der = [v.name for v in variables_of(kind) if v.role == "derivative"]
     declared = [s.name for s in scalars(kind.State)]
     step = kind.experiment.step_size
     for k in range(20):
@@ -190,8 +192,8 @@ def test_same_source_gives_same_bytes(tmp_path: Path) -> None:
 
 
 def test_unchanged_component_is_not_rebuilt(tmp_path: Path) -> None:
-    platforms = (package.host_platform(),)
-    workspace = package.Workspace(ROOT, tmp_path / "cache")
+    platforms = (host_platform(),)
+    workspace = Workspace(ROOT, tmp_path / "cache")
     assert workspace.stale(["NominalStage"], tmp_path, platforms) == ["NominalStage"]
     assert [error for _, _, error in workspace.build(["NominalStage"], tmp_path, platforms)] == [None]
     assert workspace.stale(["NominalStage"], tmp_path, platforms) == []

@@ -18,7 +18,7 @@ from integrator_coefficients import GAMMA, NODE, coefficients
 from scipy.linalg import expm
 from stage_loops import traces
 
-from cosim.export.package import FLAGS, NATIVE
+from cosim.export.compile import FLAGS, RUNTIME
 
 PROBLEMS = Path(__file__).with_name("integrator_problems.c")
 LINEAR, KAPS, BLOW_UP, DOMAIN = range(4)
@@ -71,7 +71,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], ctypes.
     def compiled(n: int) -> ctypes.CDLL:
         if n not in known:
             target = folder / f"problems_{n}.so"
-            command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, f"-I{NATIVE}", f"-DN_CONTINUOUS={n}"]
+            command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, f"-I{RUNTIME}", f"-DN_CONTINUOUS={n}"]
             subprocess.run([*command, str(PROBLEMS), "-o", str(target), "-lm"], check=True)
             known[n] = ctypes.CDLL(str(target))
         return known[n]
@@ -80,7 +80,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], ctypes.
 
 
 def test_coefficients_are_those_of_the_order_conditions() -> None:
-    text = (NATIVE / "integrator.c").read_text()
+    text = (RUNTIME / "integrator.c").read_text()
     found = {
         name: [float(value) for value in values.replace("\n", " ").split(",")]
         for name, values in re.findall(r"static const double (\w+)\[\w+\] = \{([^}]*)\};", text)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from cosim.export.trace import Symbol
+from cosim.export.symbol import Symbol
 from fmus.physics.lugre import (
     bristle_rate,
     friction,

@@ -19,8 +19,8 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 from instances import DISCARD, ERROR, OK, Instance
 
-from cosim.export.embed import resources
 from cosim.export.package import build_python, write_zip
+from cosim.export.python.python_package import resources
 from cosim.master.simulation import simulate
 from cosim.system.system import read_system
 

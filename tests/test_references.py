@@ -15,8 +15,8 @@ from conftest import ROOT, WORKSPACE
 from PIL import Image
 
 from cosim.errors import DescriptionError
-from cosim.export.package import Workspace
-from cosim.export.reference import GUIDE, ICON, MEASURED, PICTURE, asset_files, assets, folder, measured
+from cosim.export.assets import GUIDE, ICON, MEASURED, PICTURE, asset_files, assets, folder, measured
+from cosim.export.workspace import Workspace
 from cosim.model import Choice, Plant, Record, Source, declarations, variable
 from cosim.reference import fmi_ls_ref as lsref
 from cosim.reference.exact import Validation, scalar_names, tolerance, trace

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim import report, study
+from cosim import study
+from cosim.commands import study as command
 from cosim.errors import DescriptionError, SimulationError
-from cosim.study import Claim, Missing, Numbers, Outcome, Outcomes, Run, Study
+from cosim.study import Claim, Missing, Numbers, Outcome, Outcomes, Run, Study, report
 
 RUN = Run("system.toml")
 
@@ -268,11 +269,11 @@ def test_a_picture_without_its_run_says_so(folder: Path, native: Path, tmp_path:
 def test_the_command_fails_with_a_run_but_not_with_a_claim(
     folder: Path, native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert study.main(str(folder), tmp_path / "one", fmus=native) == 1
+    assert command.main(str(folder), tmp_path / "one", fmus=native) == 1
     said = capsys.readouterr()
     assert "error: run bad:" in said.err
     assert "1 reproduced, 2 not reproduced, 1 not checkable" in said.out
-    assert study.main(str(folder), tmp_path / "two", runs="[sl]*", fmus=native) == 0
+    assert command.main(str(folder), tmp_path / "two", runs="[sl]*", fmus=native) == 0
     assert (tmp_path / "two" / "report.html").is_file()
 
 

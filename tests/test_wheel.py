@@ -16,7 +16,7 @@ import pytest
 from conftest import ROOT, WORKSPACE
 
 import hatch_build
-from cosim.export.package import TARGETS, host_platform
+from cosim.export.compile import TARGETS, host_platform
 from cosim.fmu.places import PREBUILT
 
 SYSTEM = """

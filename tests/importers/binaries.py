@@ -17,7 +17,8 @@ from conftest import ROOT, WORKSPACE
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
-from cosim.export.package import TARGETS, TUPLES, Flavour
+from cosim.export.compile import TARGETS, TUPLES
+from cosim.export.workspace import Flavour
 
 COMPONENTS = sorted(WORKSPACE.components())
 FUNCTIONS: Mapping[Flavour, set[str]] = {

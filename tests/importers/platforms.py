@@ -20,7 +20,8 @@ from pathlib import Path
 import pytest
 from conftest import WORKSPACE
 
-from cosim.export.package import NATIVE, TARGETS, build
+from cosim.export.compile import RUNTIME, TARGETS
+from cosim.export.package import build
 
 from .cases import Case, compare, fmu_case
 from .conform import PYTHON_TOLERANCE
@@ -35,7 +36,7 @@ def host(folder: Path, target: str, ending: str) -> Path:
     """The host program for a platform."""
     program = folder / f"host{ending}"
     if not program.exists():
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-O1", "-I", str(NATIVE)]
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-O1", "-I", str(RUNTIME)]
         libraries = [] if "windows" in target else ["-ldl"]
         command += [str(Path(__file__).with_name("host.c")), "-o", str(program), *libraries]
         environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str((WORKSPACE.cache / "zig").resolve())}

@@ -1,1 +1,1 @@
-"""Everything a terminal sees."""
+"""Everything a terminal sees, one file a command."""

@@ -13,9 +13,9 @@ from typing import Any
 
 from ..model import Component, Controller, Plant
 from ..units import conversion
-from .description import summary
-from .layout import Fmi, Variable, layout
-from .reference import EXTRA, GUIDE, ICON, ICONS, PICTURE, asset_files, measured
+from .assets import EXTRA, GUIDE, ICON, ICONS, PICTURE, asset_files, measured
+from .fmi2_xml import summary
+from .interface import Fmi, Variable, variables_of
 from .trace import Trace
 
 SIGNS = ("positive", "a positive", "sign:", "valid", "do not combine", "for a start at speed")
@@ -39,7 +39,7 @@ figcaption,footer{color:#555;font-size:.92rem}footer{border-top:1px solid #d5dde
 def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi = 2) -> bytes:
     """The page: equations and source from the docstring, tables of the variables, and what the validation gave."""
     kind = trace.kind
-    name, variables = kind.__name__, layout(trace)
+    name, variables = kind.__name__, variables_of(trace.kind)
     carried = {path.name for path in asset_files(Path(inspect.getfile(kind)))}
     icon = f'<img src="../{ICONS[fmi]}" alt="Icon of {name}">' if ICON in carried else ""
     parts = [

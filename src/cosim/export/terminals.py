@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ..fmu.xml import document
 from ..model import Component, Controller, Plant, Source
-from .layout import variables_of
+from .interface import variables_of
 
 TEXTS = {
     "reference": "Reference motion",

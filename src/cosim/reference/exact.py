@@ -20,7 +20,7 @@ import numpy as np
 from scipy.integrate import Radau
 
 from ..errors import DescriptionError
-from ..export.layout import scalars
+from ..export.interface import scalars
 from ..model import Component, Controller, Plant, Source, fill
 from .fmi_ls_ref import Tolerance
 

@@ -12,8 +12,9 @@ from typing import Any
 from PIL import Image
 
 from ..errors import DescriptionError
-from ..export.package import Workspace, build
-from ..export.reference import ICON, MEASURED, PICTURE, folder
+from ..export.assets import ICON, MEASURED, PICTURE, folder
+from ..export.package import build
+from ..export.workspace import Workspace
 from ..fmu.description import Fmu, Value, read_fmu
 from ..fmu.xml import document
 from ..model import Choice, Component, Plant, declarations

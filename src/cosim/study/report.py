@@ -14,7 +14,8 @@ from typing import get_args
 
 from markdown_it import MarkdownIt
 
-from .study import Claim, Missing, Numbers, Outcome, Outcomes, Status, Study, Verdict
+from .rules import Numbers
+from .study import Claim, Missing, Outcome, Outcomes, Status, Study, Verdict
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 STYLES: dict[Status, str] = {

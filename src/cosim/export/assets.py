@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..model import Component
-from .layout import Fmi
+from .interface import Fmi
 
 REFERENCES = "references"
 """Folder in ``fmus``."""

@@ -1,4 +1,4 @@
-"""The files of a Python FMU: a component's own source and the slave, as a package that meets no other of its kind.
+"""The files of a Python FMU: a component's own source and the instance, as a package that meets no other of its kind.
 
 All FMUs of a process share one interpreter. So nothing here has a fixed import name: the entry module is named after
 its content, and it loads the package beside it under a name made from the bytes it finds there. Two FMUs, two
@@ -14,14 +14,14 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..errors import CosimError
-from ..model import Component
+from ...errors import CosimError
+from ...model import Component
 
 PACKAGE = "motion_cosim"
-PROXY = Path(__file__).with_name("python") / "proxy.c"
+PROXY = Path(__file__).with_name("proxy.c")
 BINARIES = {"linux64": "libpythonfmu-export.so", "win64": "pythonfmu-export.dll"}
 """Platform folder -> PythonFMU's library, for the platforms it supports."""
-DECLARATION = ("errors.py", "model.py", "export/layout.py", "export/slave.py")
+DECLARATION = ("errors.py", "model.py", "export/interface.py", "export/python/python_instance.py")
 PYTHONFMU = ("_version.py", "default_experiment.py", "enums.py", "fmi2slave.py", "logmsg.py", "variables.py")
 
 _ENTRY = '''\
@@ -66,25 +66,25 @@ else:
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 
-class {name}(package.Slave):
-    """The slave, from the files of the FMU that is being instantiated."""
+class {name}(package.Instance):
+    """The instance, from the files of the FMU that is being instantiated."""
 
     def __new__(cls, **arguments):
         folder = arguments["resources"]
         sys.path[:] = [entry for entry in sys.path if entry != folder]
         own = load(folder)
-        return object.__new__(cls) if own is package else own.Slave(**arguments)
+        return object.__new__(cls) if own is package else own.Instance(**arguments)
 '''
 
 _INIT = '''\
-"""The component {name} as FMU slave."""
+"""The component {name} as an FMU instance."""
 
-from .cosim.export.slave import Slave as _Slave
+from .cosim.export.python.python_instance import Instance as _Instance
 from .{module} import {name}
 from .pythonfmu.fmi2slave import Fmi2Slave
 
 
-class Slave(_Slave, Fmi2Slave):
+class Instance(_Instance, Fmi2Slave):
     """An instance of {name}."""
 
     kind = {name}
@@ -115,7 +115,7 @@ def library(platform: str) -> bytes:
 def resources(kind: type[Component], root: Path) -> dict[str, bytes]:
     """The content of resources/ but for guid.txt: entry module and package. ``root`` holds ``fmus/``."""
     name, module = kind.__name__, kind.__module__
-    own = Path(__file__).parents[1]
+    own = Path(__file__).parents[2]
     files = {"__init__.py": _INIT.format(name=name, module=module).encode()}
     for path in DECLARATION:
         files[f"cosim/{path}"] = (own / path).read_bytes()

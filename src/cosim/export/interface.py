@@ -1,4 +1,4 @@
-"""The scalar variables of an FMU in the order of their value references: what XML, C tables and slaves share.
+"""The scalar variables of an FMU in the order of their value references: what XML, C tables and Python instances share.
 
 Needs the declaration only, no trace: this module travels inside Python FMUs.
 """
@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from ..model import Choice, Component, Controller, Declaration, Plant, Record, declarations
-
-if TYPE_CHECKING:
-    from .trace import Trace
 
 Role = Literal["fixed", "tunable", "input", "state", "output", "derivative", "counter", "independent"]
 Fmi = Literal[2, 3]
@@ -79,11 +76,6 @@ class Variable:
     """Value reference of the state this one is the derivative of."""
     array: str | None = None
     """Name of the array this one is an element of."""
-
-
-def layout(trace: Trace) -> tuple[Variable, ...]:
-    """All variables of a traced component."""
-    return variables_of(trace.kind)
 
 
 def variables_of(kind: type[Component]) -> tuple[Variable, ...]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ..model import Controller, Plant
-from .layout import Fmi, Variable, fmi3_variables, layout, reference_of
+from .interface import Fmi, Variable, fmi3_variables, reference_of, variables_of
 from .trace import Trace
 
 _TYPES: Mapping[Fmi, Mapping[str, str]] = {
@@ -57,7 +57,7 @@ typedef struct {
 
 def model_c(trace: Trace, guid: str, fmi: Fmi = 2) -> str:
     """The text of model.c for one version of FMI."""
-    variables = layout(trace)
+    variables = variables_of(trace.kind)
     kind = trace.kind
     listed = variables if fmi == 2 else (*variables, fmi3_variables(kind)[-1][0])
     sizes = {

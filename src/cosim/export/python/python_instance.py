@@ -1,4 +1,4 @@
-"""The slave of a Python FMU: what the C runtime is to a native one, with a component's own Python methods.
+"""An instance of a Python FMU: what the C runtime is to a native one, with a component's own Python methods.
 
 PythonFMU's library calls the public methods; their names and arguments are its protocol. None of them raises:
 an error becomes a message with a status, and the FMU's binary (``python/proxy.c``) returns that status.
@@ -19,8 +19,8 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, cast
 
-from ..model import Component, Controller, Plant, Record, Source, fill
-from .layout import Variable, ordered_states, scalars, variables_of
+from ...model import Component, Controller, Plant, Record, Source, fill
+from ..interface import Variable, ordered_states, scalars, variables_of
 
 OK, WARNING, DISCARD, ERROR = range(4)
 CATEGORIES = {WARNING: "logStatusWarning", DISCARD: "logStatusDiscard", ERROR: "logStatusError"}
@@ -129,7 +129,7 @@ def value_of(variable: Variable, number: float) -> Any:
     return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
 
 
-class Slave:
+class Instance:
     """An instance of the component ``kind``; subclassed with PythonFMU's ``Fmi2Slave`` inside the FMU."""
 
     kind: ClassVar[type[Component]]

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 from ..fmu.xml import document
 from ..model import Choice, Component, Plant
 from ..units import BASE_UNITS, parse_unit
-from .layout import Variable, layout
+from .interface import Variable, variables_of
 from .trace import Trace
 
 GENERATION_DATE = "2026-01-01T00:00:00Z"
@@ -75,7 +75,7 @@ def description_root(kind: type[Component], version: str, **own: str) -> Element
 
 def model_description(trace: Trace, guid: str, version: str, *, sources: Sequence[str], native: bool = True) -> bytes:
     """modelDescription.xml of the native flavour, or of the Python one (``native=False``)."""
-    kind, variables = trace.kind, layout(trace)
+    kind, variables = trace.kind, variables_of(trace.kind)
     root = description_root(kind, version, fmiVersion="2.0", guid=guid)
     exchange = None
     if native and issubclass(kind, Plant):
@@ -268,7 +268,7 @@ class Dependencies:
 
 def dependencies(trace: Trace) -> Dependencies:
     """What depends on what, from the trace; ascending."""
-    variables = layout(trace)
+    variables = variables_of(trace.kind)
 
     def references(*roles: str) -> list[int]:
         return [v.reference for v in variables if v.role in roles]

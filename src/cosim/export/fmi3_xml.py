@@ -1,4 +1,4 @@
-"""modelDescription.xml of FMI 3.0. What it shares with FMI 2.0 is in ``description``."""
+"""modelDescription.xml of FMI 3.0. What it shares with FMI 2.0 is in ``fmi2_xml``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ..fmu.xml import document
 from ..model import Controller, Plant
-from .description import (
+from .fmi2_xml import (
     QUANTITIES,
     add_experiment,
     add_items,
@@ -19,7 +19,7 @@ from .description import (
     set_whole_bounds,
     used_types,
 )
-from .layout import Variable, fmi3_variables
+from .interface import Variable, fmi3_variables
 from .trace import Trace
 
 

@@ -1,0 +1,140 @@
+"""Where components are found, and which of their FMUs are no longer what would be built now."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.metadata
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from ..errors import CosimError, DescriptionError, suggest
+from ..model import Component
+from .assets import asset_files
+from .compile import RUNTIME
+from .package import build, build_python
+from .python.python_package import PROXY
+
+Flavour = Literal["native", "python", "fmi3"]
+"""FMI 2.0 native and with PythonFMU, FMI 3.0 native; also the names of the folders of each."""
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Where components are found and FMUs are put: ``root`` holds ``fmus/``, ``cache`` what can be made again."""
+
+    root: Path
+    cache: Path
+
+    def components(self) -> dict[str, Path]:
+        """Component name -> its file; ``ballscrew_stage.py`` holds ``BallscrewStage``."""
+        files = [
+            path
+            for room in ("plant", "controllers", "sources")
+            for path in sorted((self.root / "fmus" / room).glob("*.py"))
+            if path.stem != "__init__"
+        ]
+        return {"".join(part.capitalize() for part in path.stem.split("_")): path for path in files}
+
+    def component(self, name: str) -> type[Component]:
+        """Import a component by name."""
+        path = self.components()[name]
+        module = importlib.import_module(".".join(path.relative_to(self.root).with_suffix("").parts))
+        return getattr(module, name)
+
+    def select(self, names: Sequence[str]) -> list[str]:
+        """The named components, or all. Raises DescriptionError listing every unknown name."""
+        known = self.components()
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise DescriptionError([f"no component '{name}'.{suggest(name, known)}" for name in unknown])
+        return list(names or known)
+
+    def sources(self, name: str, flavour: Flavour = "native") -> str:
+        """A hash of the files of this project that the FMU is made from; it needs no tool that builds FMUs."""
+        package = Path(__file__).parents[1]
+        files = [
+            self.components()[name],
+            *sorted((self.root / "fmus" / "physics").glob("*.py")),
+            *(package / f"{module}.py" for module in ("model", "units", "errors", "fmu/xml")),
+            *sorted(Path(__file__).parent.rglob("*.py")),
+            *sorted(RUNTIME.glob("*.[ch]")),
+            *asset_files(self.components()[name]),
+            *((PROXY,) if flavour == "python" else ()),
+        ]
+        digest = hashlib.sha256()
+        for path in files:
+            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+        return digest.hexdigest()
+
+    def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
+        """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
+        digest = hashlib.sha256(self.sources(name, flavour).encode())
+        for package_name in ("casadi", "ziglang", "motion-cosim", *(("pythonfmu",) if flavour == "python" else ())):
+            digest.update(importlib.metadata.version(package_name).encode() + b"\0")
+        digest.update(" ".join((flavour, *sorted(platforms))).encode())
+        return digest.hexdigest()
+
+    def stale(
+        self, names: Iterable[str], output: Path, platforms: Sequence[str], flavour: Flavour = "native"
+    ) -> list[str]:
+        """Those of the components whose FMU in ``output`` is missing or not what would be built now."""
+        return [name for name in names if not self.is_current(name, platforms, output / f"{name}.fmu", flavour)]
+
+    def build(
+        self, names: Sequence[str], output: Path, platforms: Sequence[str], flavour: Flavour = "native"
+    ) -> Iterator[tuple[str, float, CosimError | None]]:
+        """Build FMUs in parallel; yields name, seconds and what went wrong as each is done."""
+        with ProcessPoolExecutor() as pool:
+            running = {pool.submit(_timed_build, self, name, output, tuple(platforms), flavour): name for name in names}
+            for future in as_completed(running):
+                try:
+                    yield running[future], future.result(), None
+                except CosimError as error:
+                    yield running[future], 0.0, error
+
+    def is_current(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> bool:
+        """Whether ``target`` is the FMU that would be built now."""
+        return self._known(target, key=self.key(name, platforms, flavour))
+
+    def has_these_sources(self, name: str, target: Path, flavour: Flavour = "native") -> bool:
+        """Whether ``target`` was built from these files, whatever built it and for which platforms."""
+        return self._known(target, sources=self.sources(name, flavour))
+
+    def remember(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> None:
+        """Note that ``target`` has just been built."""
+        stamp = self._stamp(target)
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        entry = {"key": self.key(name, platforms, flavour), "sources": self.sources(name, flavour)}
+        stamp.write_text(json.dumps({**entry, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}))
+
+    def _known(self, target: Path, **wanted: str) -> bool:
+        """Whether ``target`` is as it was when its stamp was written, and the stamp says what is wanted."""
+        stamp = self._stamp(target)
+        if not (target.is_file() and stamp.is_file()):
+            return False
+        known = json.loads(stamp.read_text())
+        return {**known, **wanted, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()} == known
+
+    def _stamp(self, target: Path) -> Path:
+        place = hashlib.sha256(str(target.resolve().parent).encode()).hexdigest()[:8]
+        return self.cache / "fmus" / f"{target.stem}-{place}.json"
+
+
+def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple[str, ...], flavour: Flavour) -> float:
+    start = time.perf_counter()
+    if str(workspace.root) not in sys.path:
+        sys.path.insert(0, str(workspace.root))
+    kind = workspace.component(name)
+    if flavour == "python":
+        target = build_python(kind, output, workspace.cache, platforms, workspace.root)
+    else:
+        target = build(kind, output, workspace.cache, platforms, 3 if flavour == "fmi3" else 2)
+    workspace.remember(name, platforms, target, flavour)
+    return time.perf_counter() - start
