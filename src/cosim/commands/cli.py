@@ -11,10 +11,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import CosimError, DescriptionError
+from .check import add_check
 from .console import complain, fmus_argument
 from .design import add_commands
-from .fmus import copy_command, fmu_path, info_command, list_command
-from .run import check_command, export_command, run_command, system_arguments
+from .export import add_export
+from .fmus import copy_command, info_command, list_command
+from .run import run_command
+from .systems import system_arguments
 from .verify import add_verify
 
 TOOLS = ("control", "distributed", "scipy")
@@ -71,9 +74,10 @@ def _parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser(
         "run",
-        help="run a system",
-        description="Run a system and show what came out.",
-        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet",
+        help="run a system, or an FMU alone",
+        description="Run a system and show what came out. An FMU runs alone, over the times that its file suggests.",
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet, or "
+        "cosim run Trajectory --set kind=quintic --plot move.png",
     )
     system_arguments(run)
     run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
@@ -82,26 +86,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
     run.set_defaults(command=run_command)
 
-    check = commands.add_parser(
-        "check",
-        help="check a system without running it",
-        description="Check a system file and say how it will run.",
-        epilog="Example: cosim check studies/shams2010/fsmc_5sin.toml",
-    )
-    system_arguments(check)
-    check.set_defaults(command=check_command)
-
-    export = commands.add_parser(
-        "export",
-        help="write a system as SSP for other tools, or as TOML",
-        description="Write a system with its FMUs as an SSP 1.0 package, which other tools run too, or as a TOML file.",
-        epilog="Example: cosim export studies/shams2010/fsmc_5sin.toml -o fsmc_5sin.ssp",
-    )
-    system_arguments(export)
-    export.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="FILE", help="SYSTEM.ssp, or SYSTEM.toml with SYSTEM_fmus/"
-    )
-    export.set_defaults(command=export_command)
+    add_check(commands)
+    add_export(commands)
 
     info = commands.add_parser(
         "info",
@@ -147,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     fmus_argument(study)
     study.set_defaults(command=_study)
 
-    add_verify(commands, fmu_path)
+    add_verify(commands)
     add_commands(commands)
     return parser
 

@@ -20,6 +20,7 @@ from rich.table import Table
 
 from ..errors import CosimError, DescriptionError
 from .console import fmus_argument, standard_output
+from .systems import settings, settings_argument
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -95,7 +96,7 @@ def add_commands(commands: Any) -> None:
         "controller.K_I=0",
     )
     practical.add_argument("system", type=Path, metavar="SYSTEM")
-    practical.add_argument("--set", action="extend", nargs="+", default=[], metavar="INST.VAR=VALUE", dest="values")
+    settings_argument(practical, several=True)
     practical.add_argument("--gain", default="controller.K_P", metavar="INST.VAR")
     practical.add_argument("--position", default="plant.position", metavar="INST.VAR")
     practical.add_argument("--first", type=float, default=300.0, help="gain at which the scan begins (default: 300)")
@@ -129,7 +130,7 @@ def add_commands(commands: Any) -> None:
     pulse.add_argument(
         "--monitor", action="store_true", help="compare J with DIR/AXIS.json; learn anew above 1.5 times"
     )
-    pulse.add_argument("--set", action="extend", nargs="+", default=[], metavar="INST.VAR=VALUE", dest="values")
+    settings_argument(pulse, several=True)
     pulse.add_argument("--workers", type=int, default=1, metavar="N", help="threads (default: 1; runs are short)")
     pulse.add_argument("--plot", type=Path, metavar="FILE", help="draw the tables")
     _common(pulse, _learn)
@@ -159,7 +160,7 @@ def add_commands(commands: Any) -> None:
     linearize.add_argument("--at", default="0", metavar="TIME", help="seconds, as 0.01 or t=0.01 (default: 0)")
     linearize.add_argument("--inputs", nargs="+", metavar="VAR")
     linearize.add_argument("--outputs", nargs="+", metavar="VAR")
-    linearize.add_argument("--set", action="extend", nargs="+", default=[], metavar="INST.VAR=VALUE", dest="values")
+    settings_argument(linearize, several=True)
     linearize.add_argument("--margins", action="store_true", help="margins of the loop with --controller")
     linearize.add_argument("--controller", default="controller", metavar="NAME")
     linearize.add_argument("--plot", type=Path, metavar="FILE", help="Bode picture of the first input and output")
@@ -170,18 +171,6 @@ def _common(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespa
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for scripts")
     fmus_argument(parser)
     parser.set_defaults(command=command)
-
-
-def _values(options: argparse.Namespace) -> dict[str, object]:
-    from ..system.values import parse_value
-
-    found: dict[str, object] = {}
-    for item in options.values:
-        name, equals, value = item.partition("=")
-        if not equals:
-            raise DescriptionError(f"--set {item}: write INSTANCE.VARIABLE=VALUE, such as plant.m=70.")
-        found[name] = parse_value(value)
-    return found
 
 
 def _finite(value: Any) -> Any:
@@ -339,7 +328,7 @@ def _practical(options: argparse.Namespace) -> int:
 
     limit = practical_limit(
         options.system,
-        _values(options),
+        settings(options),
         gain=options.gain,
         position=options.position,
         first=options.first,
@@ -389,7 +378,7 @@ def _map(options: argparse.Namespace) -> int:
 def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
 
-    values = _values(options)
+    values = settings(options)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}
     anew: list[str] = []
@@ -481,18 +470,21 @@ def _linearize(options: argparse.Namespace) -> int:
         at = float(options.at.removeprefix("t="))
     except ValueError:
         raise DescriptionError(f"--at {options.at}: give seconds, such as t=0.01.") from None
-    values = _values(options)
-    alone = str(options.source).endswith(".fmu")
+    values = settings(options)
+    from ..fmu.places import find_system, has_ending
+
+    file = find_system(options.source, options.fmus)
+    alone = has_ending(file, ".fmu")
     if alone:
         if at != 0.0:
             raise DescriptionError("an FMU alone is linearized where it starts. Give a system for another time.")
-        start = {name.rpartition(".")[2]: value for name, value in values.items()}
-        source: Any = options.source
+        source: Any = file
+        start = {name.removeprefix(f"{file.stem}.").removeprefix("fmu."): value for name, value in values.items()}
         model = linearize.linearize(source, inputs=options.inputs, outputs=options.outputs, start=start)
     else:
         from ..system.system import read_system
 
-        source = read_system(options.source, values, fmus=options.fmus)
+        source = read_system(file, values, fmus=options.fmus)
         model = linearize.linearize(
             source, instance=options.instance, at=at, inputs=options.inputs, outputs=options.outputs
         )

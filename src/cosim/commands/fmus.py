@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError
 from .console import standard_output
 
 if TYPE_CHECKING:
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 def info_command(options: argparse.Namespace) -> int:
     """Show the variables of an FMU."""
     from ..fmu.description import read_fmu
+    from ..fmu.places import find_fmu
 
-    fmu = read_fmu(fmu_path(options.fmu, options.fmus))
+    fmu = read_fmu(find_fmu(options.fmu, options.fmus))
     console = standard_output()
     console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.text)}")
     step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
@@ -57,14 +58,14 @@ def info_command(options: argparse.Namespace) -> int:
 
 def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:
     """Variables with the names to show, parameters first, arrays as one line."""
-    firsts = {elements[0]: (name, len(elements)) for name, elements in fmu.arrays.items()}
-    others = {element for elements in fmu.arrays.values() for element in elements[1:]}
+    arrays = {name: array for name, array in fmu.arrays.items() if array.shape}
+    firsts = {array.elements[0]: f"{name}[{array.span}]" for name, array in arrays.items()}
+    others = {element for array in arrays.values() for element in array.elements[1:]}
     order = {"input": 0, "output": 1, "parameter": 2}
     rows: list[tuple[str, Variable]] = []
     for variable in sorted(fmu.variables.values(), key=lambda v: order.get(v.causality, 3)):
         if variable.name in firsts:
-            name, length = firsts[variable.name]
-            rows.append((f"{name}[1..{length}]", variable))
+            rows.append((firsts[variable.name], variable))
         elif variable.name not in others:
             rows.append((variable.name, variable))
     return rows
@@ -89,25 +90,12 @@ def _start(variable: Variable) -> str:
     return f"{variable.start:g}" if isinstance(variable.start, float) else str(variable.start or "")
 
 
-def fmu_path(text: str, folder: Path | None) -> Path:
-    """The file of an FMU given by name or path."""
-    from ..fmu.places import find_fmus
-
-    if text.endswith(".fmu") or "/" in text:
-        return Path(text)
-    folder = folder if folder is not None else find_fmus(Path.cwd())
-    known = {path.stem: path for path in folder.glob("*.fmu")} if folder is not None else {}
-    if text in known:
-        return known[text]
-    raise DescriptionError(f"no FMU '{text}' in {folder or 'build/fmus/native'}.{suggest(text, known)}")
-
-
 def copy_command(options: argparse.Namespace) -> int:
     """Copy FMUs into a folder."""
     from ..fmu.copies import copy_fmus
     from ..fmu.places import find_fmus
 
-    source = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
+    source = options.fmus if options.fmus is not None else find_fmus()
     if source is None:
         raise DescriptionError("no FMUs found. Build them, or name their folder with --fmus.")
     written = copy_fmus(source, options.folder, options.names, force=options.force)
@@ -123,12 +111,12 @@ def copy_command(options: argparse.Namespace) -> int:
 def list_command(options: argparse.Namespace) -> int:
     """List FMUs, systems and studies."""
     from ..fmu.description import read_fmu
-    from ..fmu.places import PREBUILT, find_fmus, shipped_systems
+    from ..fmu.places import PREBUILT, find_fmus, fmus_in, shipped_studies, shipped_systems
 
     console = standard_output()
-    folder = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
+    folder = options.fmus if options.fmus is not None else find_fmus()
     fmus: dict[Path, Fmu | str] = {}
-    for path in sorted(folder.glob("*.fmu")) if folder is not None else ():
+    for path in fmus_in(folder).values() if folder is not None else ():
         try:
             fmus[path] = read_fmu(path)
         except DescriptionError as error:
@@ -156,7 +144,7 @@ def list_command(options: argparse.Namespace) -> int:
     for name, path in systems.items():
         table.add_row("", escape(name), escape(_description(path)))
     console.print(table)
-    studies = sorted({path.parent.name for path in systems.values() if (path.parent / "study.py").is_file()})
+    studies = shipped_studies()
     if studies:
         console.print(f"[bold]Studies[/] {escape(', '.join(studies))}")
     return 0

@@ -1,4 +1,4 @@
-"""``cosim run``, ``check`` and ``export``: commands that take a system."""
+"""``cosim run``: a run of a system, and what is shown of it."""
 
 from __future__ import annotations
 
@@ -6,145 +6,32 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from math import isfinite
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from rich.box import SIMPLE, SIMPLE_HEAD
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..errors import DescriptionError, suggest
-from .console import complain, fmus_argument, remark, standard_output
+from .console import complain, remark, standard_output
+from .systems import chosen_system
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from ..master.instance import CallError
     from ..result.result import Result
-    from ..result.summary import Row
     from ..system.system import System
 
 
 MAX_SHOWN_MESSAGES = 20
 
 
-def system_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of every command that takes a system."""
-    parser.add_argument("system", metavar="SYSTEM", help="a system file, or one of 'cosim list' (shams2010/fsmc_5sin)")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="INST.VAR=VALUE",
-        dest="values",
-        help="a start value, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
-    )
-    parser.add_argument("--stop-time", metavar="SECONDS", help="end of the run, such as 2.5")
-    parser.add_argument("--step-size", metavar="SECONDS", help="communication step, such as 1e-4")
-    parser.add_argument(
-        "--order", metavar="ORDER", help="sequential, parallel, or instances such as trajectory,controller,plant"
-    )
-    parser.add_argument(
-        "--record",
-        action="append",
-        metavar="PATTERN",
-        help="what to record, such as plant.position or 'controller.*'; may be repeated (default: as in the file)",
-    )
-    parser.add_argument("--decimation", type=int, metavar="N", help="record every N-th communication point")
-    fmus_argument(parser)
-
-
-# Systems
-
-
-def _system(options: argparse.Namespace) -> System:
-    from ..system.system import read_system
-    from ..system.values import parse_value
-
-    values: dict[str, object] = {}
-    problems: list[str] = []
-    for item in options.values:
-        name, equals, value = item.partition("=")
-        if not equals:
-            problems.append(f"--set {item}: write INSTANCE.VARIABLE=VALUE, such as plant.m=70.")
-        else:
-            values[name.strip()] = parse_value(value.strip())
-    if problems:
-        raise DescriptionError(problems)
-    order = options.order
-    if order is not None and order not in ("sequential", "parallel"):
-        order = [name.strip() for name in order.split(",")]
-    return read_system(
-        _system_path(options.system),
-        values,
-        fmus=options.fmus,
-        stop_time=options.stop_time,
-        step_size=options.step_size,
-        order=order,
-        record=options.record,
-        decimation=options.decimation,
-    )
-
-
-def _system_path(text: str) -> Path:
-    from ..fmu.places import shipped_file, shipped_systems
-
-    path = shipped_file(text)
-    if path.exists() or text.endswith((".toml", ".ssp", ".ssd")):
-        return path
-    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped_systems())}")
-
-
-def check_command(options: argparse.Namespace) -> int:
-    """Check a system and say how it will run."""
-    system = _system(options)
-    console = standard_output()
-    console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("Instance", "FMU", "Start values", "Steps over"):
-        table.add_column(heading)
-    for instance in system.instances:
-        values = ", ".join(f"{name} = {value}" for name, value in list(instance.start.items())[:8])
-        more = f" and {len(instance.start) - 8} more" if len(instance.start) > 8 else ""
-        over = f"{system.step_size * instance.step_multiple} s"
-        table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
-    console.print(table)
-    for connection in system.connections:
-        scaled = "" if connection.factor == 1.0 else f" * {connection.factor:g}"
-        shifted = "" if connection.offset == 0.0 else f" + {connection.offset:g}"
-        source, target = (".".join(end) for end in (connection.source, connection.target))
-        console.print(f"  {escape(source)}{scaled}{shifted} -> {escape(target)}")
-    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
-    console.print(f"Order: {escape(how)}")
-    console.print(
-        f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
-        f"{len(system.record)} variables recorded, {system.steps // system.decimation + 1} rows"
-    )
-    for note in system.notes:
-        console.print(f"[yellow]note:[/] {escape(note)}")
-    console.print("No problems.")
-    return 0
-
-
-def export_command(options: argparse.Namespace) -> int:
-    """Write a system as SSP or TOML."""
-    from ..system.ssp_write import write_ssp
-    from ..system.toml_write import write_toml
-
-    writers = {".ssp": write_ssp, ".toml": write_toml}
-    suffix = options.output.suffix.lower()
-    if suffix not in writers:
-        raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")
-    system = _system(options)
-    path = writers[suffix](system, options.output)
-    standard_output().print(
-        f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."
-    )
-    return 0
+MAX_SHOWN_NAMES = 5
 
 
 def run_command(options: argparse.Namespace) -> int:
@@ -154,7 +41,7 @@ def run_command(options: argparse.Namespace) -> int:
         from ..result.result import check_output
 
         check_output(options.output)
-    system = _system(options)
+    system = chosen_system(options)
     from ..master.instance import CallError
     from ..master.run import Interrupted
     from ..master.simulation import simulate
@@ -170,10 +57,9 @@ def run_command(options: argparse.Namespace) -> int:
         return 1
     except Interrupted as interruption:
         complain(f"Interrupted. {_kept(interruption.result, options)}")
-        _finish(interruption.result, options, begun)
+        _finish(interruption.result, options, begun, system.notes)
         return 130
-    _finish(result, options, begun)
-    return 0
+    return _finish(result, options, begun, system.notes)
 
 
 def _failed(error: CallError, options: argparse.Namespace) -> None:
@@ -203,16 +89,20 @@ def _save(result: Result, options: argparse.Namespace) -> None:
         plot_run(result, options.plot)
 
 
-def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
-    """Messages, files and the summary that end a run."""
+def _finish(result: Result, options: argparse.Namespace, begun: float, notes: Sequence[str]) -> int:
+    """Messages, files and the summary that end a run; the exit code, 1 if values are not finite."""
+    from ..result.summary import not_finite, summary
+
+    figures, wrong = summary(result), not_finite(result)
+    if wrong:
+        complain(_not_finite(wrong))
     _show_messages(result)
     _save(result, options)
-    figures = _figures(result)
     facts = result.metadata
     simulated = facts["steps"] * facts["step_size"]
     factor = simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
     if options.json:
-        summary = {
+        facts_shown = {
             "system": facts["system"],
             "system_hash": facts["system_hash"],
             "partial": result.partial,
@@ -225,14 +115,21 @@ def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
             "figures": [
-                {"name": row.name, "value": row.value if isfinite(row.value) else None, "unit": row.unit}
+                {
+                    "name": row.name,
+                    "value": row.value if isfinite(row.value) else None,
+                    "unit": row.unit,
+                    "reason": row.reason or None,
+                }
                 for row in figures
             ],
+            "not_finite": wrong,
+            "notes": list(notes),
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
         }
-        sys.stdout.write(json.dumps(summary, indent=2) + "\n")
-        return
+        sys.stdout.write(json.dumps(facts_shown, indent=2) + "\n")
+        return 1 if wrong else 0
     table = Table(
         title=escape(str(facts["description"] or facts["system"])), title_justify="left", show_header=False, box=SIMPLE
     )
@@ -251,23 +148,22 @@ def _finish(result: Result, options: argparse.Namespace, begun: float) -> None:
     if figures:
         table.add_section()
     for row in figures:
-        value, unit = (f"{row.value:.4g}", row.unit) if isfinite(row.value) else ("never", "")
-        table.add_row(escape(row.name), value, escape(unit))
+        value = f"{row.value:.4g}" if isfinite(row.value) else "none"
+        table.add_row(escape(row.name), value, escape(row.reason or row.unit))
     console = standard_output()
     console.print(table)
     for file in (options.output, options.plot):
         if file is not None:
             console.print(f"Written: {escape(str(file))}")
+    return 1 if wrong else 0
 
 
-def _figures(result: Result) -> list[Row]:
-    """Tracking figures, none for a run too short to have them."""
-    from ..result.summary import summary
-
-    try:
-        return summary(result)
-    except DescriptionError:
-        return []
+def _not_finite(wrong: Mapping[str, float]) -> str:
+    """Which variables are not finite, and from when; the first ones first."""
+    first = sorted(wrong.items(), key=lambda item: item[1])
+    shown = ", ".join(f"{name} from {time:g} s on" for name, time in first[:MAX_SHOWN_NAMES])
+    more = f" and {len(first) - MAX_SHOWN_NAMES} more" if len(first) > MAX_SHOWN_NAMES else ""
+    return f"not finite: {shown}{more}. No figure is computed from these."
 
 
 def _show_messages(result: Result, but: str = "") -> None:

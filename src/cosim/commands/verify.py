@@ -6,8 +6,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +22,8 @@ if TYPE_CHECKING:
     from ..reference.replay import Outcome, Report
 
 
-def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
-    """Add ``verify`` to the subparsers of ``cosim``; ``find`` gives the file of an FMU's name."""
+def add_verify(commands: Any) -> None:
+    """Add ``verify`` to the subparsers of ``cosim``."""
     parser = commands.add_parser(
         "verify",
         help="replay the reference results inside FMUs",
@@ -51,10 +50,10 @@ def add_verify(commands: Any, find: Callable[[str, Path | None], Path]) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw references and replay, one file an FMU")
     parser.add_argument("--json", action="store_true", help="print every signal as JSON, for scripts")
     fmus_argument(parser)
-    parser.set_defaults(command=partial(_verify, find))
+    parser.set_defaults(command=_verify)
 
 
-def _verify(find: Callable[[str, Path | None], Path], options: argparse.Namespace) -> int:
+def _verify(options: argparse.Namespace) -> int:
     from rich.progress import track
 
     from ..reference.replay import verify_all
@@ -66,7 +65,7 @@ def _verify(find: Callable[[str, Path | None], Path], options: argparse.Namespac
     paths: list[Path] = []
     for text in options.fmu:
         try:
-            paths += _paths(text, options.fmus, find)
+            paths += _paths(text, options.fmus)
         except DescriptionError as error:
             problems += error.problems
     if problems:
@@ -85,13 +84,15 @@ def _verify(find: Callable[[str, Path | None], Path], options: argparse.Namespac
     return max(report.code for report in reports)
 
 
-def _paths(text: str, folder: Path | None, find: Callable[[str, Path | None], Path]) -> list[Path]:
+def _paths(text: str, folder: Path | None) -> list[Path]:
+    from ..fmu.places import find_fmu, fmus_in
+
     if Path(text).is_dir():
-        found = sorted(Path(text).glob("*.fmu"))
+        found = list(fmus_in(Path(text)).values())
         if not found:
             raise DescriptionError(f"{text}: no .fmu file in this folder.")
         return found
-    path = find(text, folder)
+    path = find_fmu(text, folder)
     if not path.is_file():
         raise DescriptionError(f"{path}: no such file.")
     return [path]

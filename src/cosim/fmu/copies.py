@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import DescriptionError, suggest
+from .places import fmus_in
 
 
 def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: bool = False) -> list[Path]:
@@ -16,7 +17,7 @@ def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: b
     A file that is there with the same content stays as it is; one with other content is replaced with ``force`` only.
     Raises DescriptionError with every unknown name and every file in the way, and has copied nothing then.
     """
-    known = {path.stem: path for path in sorted(source.glob("*.fmu"))}
+    known = fmus_in(source)
     problems = [f"no FMU '{name}' in {source}.{suggest(name, known)}" for name in names if name not in known]
     if not known:
         problems.append(f"{source}: there is no FMU. Build the FMUs, or name another folder with --fmus.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import DescriptionError, suggest
@@ -135,13 +135,13 @@ def _is_system(path: Path) -> bool:
 def find_system(text: str, fmus: Path | None = None) -> Path:
     """The file of a system given by path or by its name among those shipped; an FMU, by path or name, is one, too.
 
-    Raises DescriptionError for a name that is neither.
+    Raises DescriptionError for a name that is neither; a path is not looked at.
     """
     path = shipped_file(text)
-    if path.is_file() or has_ending(text, *SYSTEM_ENDINGS) or (is_fmu_path(text) and has_ending(text, ".fmu")):
+    if path.is_file() or has_ending(text, *SYSTEM_ENDINGS, ".fmu"):
         return path
     where = fmus if fmus is not None else find_fmus()
-    known: Sequence[str] = () if where is None else list(fmus_in(where))
-    if where is not None and text in known:
-        return fmus_in(where)[text]
-    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, [*shipped_systems(), *known])}")
+    known = {} if where is None else fmus_in(where)
+    if text in known:
+        return known[text]
+    raise DescriptionError(f"{text}: no such file, system or FMU.{suggest(text, [*shipped_systems(), *known])}")

@@ -118,6 +118,13 @@ class Simulation:
         with _watching_for_interrupt() as interrupted:
             return run.go(progress, interrupted)
 
+    def initialize(self) -> Result:
+        """Bring all instances to the end of their initialization, as a run does; no step, no rows.
+
+        The result has the messages. Raises CallError.
+        """
+        return self._ready(self.system).go(None, lambda: False, end=0)
+
     def pause(self, time: float, system: System | None = None) -> Checkpoint:
         """Run from the start to ``time`` and keep what there is, for ``resume``.
 

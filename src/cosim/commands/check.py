@@ -1,0 +1,170 @@
+"""``cosim check``: what is wrong with a system, what is worth knowing, and how it will run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import DescriptionError
+from .console import complain, standard_output
+from .systems import chosen_system, system_arguments
+
+if TYPE_CHECKING:
+    from ..system.parts import Connection, Instance
+    from ..system.system import System
+
+SHOWN_VALUES = 8
+"""Start values of an instance that the table shows."""
+
+
+def add_check(commands: Any) -> None:
+    """Add ``check`` to the subparsers of ``cosim``."""
+    parser = commands.add_parser(
+        "check",
+        help="check a system without running it",
+        description="Check a system and say how it will run. Its FMUs are initialized in a process of their own, so "
+        "that rules between parameters speak, too.",
+        epilog="Example: cosim check studies/shams2010/fsmc_5sin.toml",
+    )
+    system_arguments(parser)
+    parser.add_argument("--json", action="store_true", help="print what was found as JSON, for scripts")
+    parser.set_defaults(command=check_command)
+
+
+def check_command(options: argparse.Namespace) -> int:
+    """Check a system; 0 if it can run, 2 if not."""
+    from ..master.trial import try_system
+
+    try:
+        system = chosen_system(options)
+    except DescriptionError as error:
+        if not options.json:
+            raise
+        _print_json({"system": options.system, "problems": list(error.problems), "notes": []})
+        return 2
+    trial = try_system(system)
+    notes = [*system.notes, *_resting(system), *trial.notes]
+    if options.json:
+        _print_json(_facts(system, [trial.problem] if trial.problem else [], notes))
+    else:
+        _show(system, notes)
+        if trial.problem:
+            complain(trial.problem)
+        else:
+            standard_output().print("No problems.")
+    return 2 if trial.problem else 0
+
+
+def _resting(system: System) -> list[str]:
+    """The unconnected inputs that no note of the system names, a line an instance."""
+    from ..system.samples import unconnected
+
+    fed: dict[str, list[str]] = {}
+    for path, value in unconnected(system.instances, system.connections).items():
+        instance, _, name = path.partition(".")
+        given = name in system.instance(instance).start
+        named = any(note.startswith(f"instances.{instance}: input '{name}'") for note in system.notes)
+        if not given and not named:
+            fed.setdefault(instance, []).append(f"{name} = {value}")
+    return [f"instances.{name}: unconnected inputs stay at {', '.join(values)}." for name, values in fed.items()]
+
+
+def _starts(instance: Instance) -> dict[str, str]:
+    """Start values as text, enumerations by name, whole arrays as one entry."""
+    from ..system.values import show_start
+
+    fmu = instance.fmu
+    whole = {
+        element: name
+        for name, array in fmu.arrays.items()
+        if len(array.elements) > 1 and all(element in instance.start for element in array.elements)
+        for element in array.elements
+    }
+    shown: dict[str, str] = {}
+    for name, value in instance.start.items():
+        array = whole.get(name)
+        if array is None:
+            shown[name] = show_start(fmu.variables[name], value)
+        else:
+            shown[array] = f"{len(fmu.arrays[array].elements)} values"
+    return shown
+
+
+def _transformation(connection: Connection) -> str:
+    """How a connection changes its values, as text."""
+    scaled = "" if connection.factor == 1.0 else f" * {connection.factor:.9g}"
+    sign = "+" if connection.offset > 0.0 else "-"
+    shifted = "" if connection.offset == 0.0 else f" {sign} {abs(connection.offset):.9g}"
+    return scaled + shifted
+
+
+def _show(system: System, notes: list[str]) -> None:
+    console = standard_output()
+    console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
+    table = Table(box=SIMPLE_HEAD)
+    for heading in ("Instance", "FMU", "Start values", "Steps over"):
+        table.add_column(heading)
+    for instance in system.instances:
+        starts = _starts(instance)
+        values = ", ".join(f"{name} = {value}" for name, value in list(starts.items())[:SHOWN_VALUES])
+        more = f" and {len(starts) - SHOWN_VALUES} more" if len(starts) > SHOWN_VALUES else ""
+        over = f"{system.step_size * instance.step_multiple} s"
+        table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
+    console.print(table)
+    for connection in system.connections:
+        source, target = (".".join(end) for end in (connection.source, connection.target))
+        units = {"converted": " (units converted)", "suppressed": " (units not converted)"}.get(connection.units, "")
+        console.print(f"  {escape(source)}{_transformation(connection)} -> {escape(target)}{units}")
+    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
+    console.print(f"Order: {escape(how)}")
+    console.print(
+        f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
+        f"{len(system.record)} variables recorded, {system.steps // system.decimation + 1} rows"
+    )
+    for note in notes:
+        console.print(f"[yellow]note:[/] {escape(note)}", soft_wrap=True)
+
+
+def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, Any]:
+    return {
+        "system": system.name,
+        "description": system.description,
+        "problems": problems,
+        "notes": notes,
+        "instances": {
+            instance.name: {
+                "fmu": instance.fmu.name,
+                "start": _starts(instance),
+                "step_multiple": instance.step_multiple,
+            }
+            for instance in system.instances
+        },
+        "connections": [
+            {
+                "from": ".".join(connection.source),
+                "to": ".".join(connection.target),
+                "factor": connection.factor,
+                "offset": connection.offset,
+                "units": connection.units,
+            }
+            for connection in system.connections
+        ],
+        "order": "parallel" if system.parallel else list(system.visits),
+        "start_time": float(system.start_time),
+        "stop_time": float(system.stop_time),
+        "step_size": float(system.step_size),
+        "steps": system.steps,
+        "recorded": [".".join(entry) for entry in system.record],
+        "decimation": system.decimation,
+        "system_hash": system.digest,
+    }
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(content, indent=2) + "\n")
