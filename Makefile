@@ -31,7 +31,7 @@ study: fmus
 
 bench: fmus
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
-	for script in $(filter-out benchmarks/peers.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
+	for script in $(filter-out benchmarks/peers.py benchmarks/same_results.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
 
 # other importers, in venvs of their own; writes docs/importers.md (ecospy needs libtbb.so.12, Debian's libtbb12).
 # Programs built elsewhere: make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH"

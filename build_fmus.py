@@ -16,6 +16,7 @@ from rich.table import Table
 
 from cosim.errors import CosimError
 from cosim.export.compile import TARGETS, host_platform
+from cosim.export.loop_library import FOLDER, compile_loop
 from cosim.export.python.python_package import BINARIES
 from cosim.export.workspace import Flavour, Workspace
 
@@ -116,6 +117,7 @@ def main() -> int:
         if arguments.references:
             return 1 if _references(names, console) else 0
         platforms = {flavour: _platforms(arguments.platform, flavour) for flavour in flavours}
+        compile_loop(_platforms(arguments.platform, "native"), FOLDER, WORKSPACE.cache)
     except CosimError as error:
         console.print(str(error), style="red", markup=False)
         return 2

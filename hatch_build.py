@@ -1,4 +1,4 @@
-"""What a wheel holds beside Python files: the prebuilt FMUs, and the studies.
+"""What a wheel holds beside Python files: the prebuilt FMUs, the compiled loop of the master, and the studies.
 
 A wheel for release holds the FMUs of ``build/fmus/release`` with the binaries of every platform; ``make wheel`` builds
 both. With ``COSIM_WHEEL=host`` in the environment it holds those of ``build/fmus/native`` for this machine alone, and
@@ -31,6 +31,7 @@ class PrebuiltFmus(BuildHookInterface):
         try:
             # this part of the package needs nothing but Python: hatchling's environment has no tool that builds FMUs
             from cosim.export.compile import TARGETS, host_platform
+            from cosim.export.loop_library import FOLDER, library_names
             from cosim.export.workspace import Workspace
         finally:
             del sys.path[0]
@@ -46,11 +47,16 @@ class PrebuiltFmus(BuildHookInterface):
             remedy = "make wheel, or python build_fmus.py --platform all --output build/fmus/release"
         workspace = Workspace(root, root / "build" / "cache")
         names = sorted(workspace.components())
-        if found := problems(workspace, names, folder, platforms):
+        libraries = [FOLDER / name for name in library_names(platforms).values()]
+        found = problems(workspace, names, folder, platforms)
+        found += [f"{library.name}: missing, the loop of the master" for library in libraries if not library.is_file()]
+        if found:
             text = "\n".join(f"  {problem}" for problem in found)
             raise ValueError(f"the wheel needs FMUs that are not in {folder}:\n{text}\nBuild them: {remedy}.")
         for name in names:
             build_data["force_include"][str(folder / f"{name}.fmu")] = f"cosim/prebuilt/{name}.fmu"
+        for library in libraries:
+            build_data["force_include"][str(library)] = f"cosim/master/{library.name}"
         build_data["force_include"][str(root / "studies")] = "cosim/studies"
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cosim.export.compile import host_platform
+from cosim.export.loop_library import FOLDER, compile_loop
 from cosim.export.workspace import Flavour, Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,6 +22,12 @@ def built(flavour: Flavour) -> Path:
     problems = [f"{name}: {error}" for name, _, error in WORKSPACE.build(stale, folder, platforms, flavour) if error]
     assert not problems, "\n".join(problems)
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_loop() -> None:
+    """The inner loop of the master, current."""
+    compile_loop([host_platform()], FOLDER, WORKSPACE.cache)
 
 
 @pytest.fixture(scope="session")

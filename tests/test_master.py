@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,22 @@ import numpy as np
 import pytest
 from fmu_files import PROBE, probe_library, write_fmu, write_probe
 
-from cosim import DescriptionError, Interrupted, Result, Simulation, SimulationError, System, make_system, simulate
+from cosim import (
+    DescriptionError,
+    Interrupted,
+    Result,
+    SignalError,
+    Simulation,
+    SimulationError,
+    System,
+    make_system,
+    simulate,
+)
 from cosim.export.package import build
 from cosim.master.instance import CallError
 from cosim.model import Controller, Plant, Record, parameter, variable
+from cosim.result import result as results
+from cosim.result.result import Column, check_output
 
 CACHE = Path(__file__).parents[1] / "build" / "cache"
 
@@ -580,12 +593,50 @@ def test_result_knows_units_and_origin(make: Make, monkeypatch: pytest.MonkeyPat
         result.to_dataframe()
 
 
+def test_a_value_that_is_not_finite_on_a_connection_ends_the_run(make: Make) -> None:
+    """a.y is not a number from the first step on; the row of the start stays."""
+    system = make({"a": {"start": {"u": 10.0, "gain": 1e308}}, "b": {}}, "a.y -> b.u")
+    with pytest.raises(SignalError) as failure:
+        simulate(system)
+    error = failure.value
+    assert str(error).startswith("a.y gives b.u the value nan at 0.1 s: not finite. ")
+    assert (error.time, str(error.connection)) == (0.1, "a.y -> b.u")
+    assert math.isnan(error.value)
+    assert error.result is not None
+    assert error.result.partial
+    assert error.result.time.tolist() == [0.0]
+    assert np.isnan(simulate(system, keep_going=True)["a.y"][1:]).all()
+
+
+def test_what_is_not_finite_may_be_recorded(make: Make) -> None:
+    assert math.isnan(simulate(make({"a": {"start": {"u": 10.0, "gain": 1e308}}}))["a.y"][1])
+
+
 def test_csv_reads_back_the_same(make: Make, tmp_path: Path) -> None:
     result = simulate(make({"a": {"start": {"u": 1.0 / 3.0}}}))
     lines = result.save(tmp_path / "new" / "a.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == '"time","a.y","a.z","a.clock","a.count","a.flag"'
     rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
     assert rows.tolist() == np.column_stack([result.time, result.rows]).tolist()
+
+
+def test_csv_takes_every_double(make: Make, tmp_path: Path) -> None:
+    """Shortest digits that read back the same, more rows than are written at a time."""
+    values = np.array([0.1, 5e-324, -1.7976931348623157e308, 1e22, 2.0**-1074 * 3, 0.0, 1 / 3] * 9000)
+    result = replace(simulate(make({"a": {}})), time=np.arange(values.size) * 0.1, rows=values.reshape(-1, 1))
+    result = replace(result, columns=(Column('a."x"', "1", "", "1"),))
+    text = result.save(tmp_path / "a.csv").read_text(encoding="utf-8")
+    head, first, *_ = lines = text.splitlines()
+    assert (head, first) == ('"time","a.""x"""', "0.0,0.1")
+    read = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    assert read.tobytes() == np.column_stack((result.time, values)).tobytes()
+
+
+def test_parquet_without_pyarrow_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results, "find_spec", lambda name: None)
+    with pytest.raises(DescriptionError, match=r"a.parquet: .* pyarrow, .* install motion-cosim\[parquet\]"):
+        check_output(Path("a.parquet"))
+    check_output(Path("a.csv"))
 
 
 def test_parquet_carries_units_and_hash(make: Make, tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import design
     from .errors import CosimError, DescriptionError, SimulationError, TraceError
-    from .master.instance import CallError
-    from .master.run import Interrupted
+    from .master.instance import CallError, RunError
+    from .master.run import Interrupted, SignalError
     from .master.simulation import Simulation, simulate
     from .result import metrics, plots
     from .result.result import Result
@@ -29,6 +29,8 @@ __all__ = [
     "DescriptionError",
     "Interrupted",
     "Result",
+    "RunError",
+    "SignalError",
     "Simulation",
     "SimulationError",
     "System",
@@ -43,8 +45,8 @@ __all__ = [
 
 _HOMES = {
     "errors": ("CosimError", "DescriptionError", "SimulationError", "TraceError"),
-    "master.instance": ("CallError",),
-    "master.run": ("Interrupted",),
+    "master.instance": ("CallError", "RunError"),
+    "master.run": ("Interrupted", "SignalError"),
     "master.simulation": ("Simulation", "simulate"),
     "result.result": ("Result",),
     "system.system": ("System", "make_system", "read_system"),

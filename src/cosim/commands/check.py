@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
 from rich.markup import escape
-from rich.table import Table
 
 from ..errors import DescriptionError
-from .console import complain, standard_output
-from .systems import chosen_system, system_arguments
+from .console import make_table, print_error, print_json, standard_output
+from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
     from ..system.parts import Connection, Instance
@@ -23,42 +19,42 @@ SHOWN_VALUES = 8
 """Start values of an instance that the table shows."""
 
 
-def add_check(commands: Any) -> None:
-    """Add ``check`` to the subparsers of ``cosim``."""
-    parser = commands.add_parser(
+def add(commands: Any) -> None:
+    """Add ``check``."""
+    check = commands.add_parser(
         "check",
         help="check a system without running it",
         description="Check a system and say how it will run. Its FMUs are initialized in a process of their own, so "
         "that rules between parameters speak, too.",
         epilog="Example: cosim check studies/shams2010/fsmc_5sin.toml",
     )
-    system_arguments(parser)
-    parser.add_argument("--json", action="store_true", help="print what was found as JSON, for scripts")
-    parser.set_defaults(command=check_command)
+    system_arguments(check)
+    check.add_argument("--json", action="store_true", help="print what was found as JSON, for scripts")
+    check.set_defaults(command=_run)
 
 
-def check_command(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """Check a system; 0 if it can run, 2 if not."""
     from ..master.trial import try_system
 
     try:
-        system = chosen_system(options)
+        system = given_system(options)
     except DescriptionError as error:
         if not options.json:
             raise
-        _print_json({"system": options.system, "problems": list(error.problems), "notes": []})
+        print_json({"system": options.system, "problems": error.problems, "notes": []})
         return 2
     trial = try_system(system)
     notes = [*system.notes, *_resting(system), *trial.notes]
     if options.json:
-        _print_json(_facts(system, [trial.problem] if trial.problem else [], notes))
-    else:
-        _show(system, notes)
-        if trial.problem:
-            complain(trial.problem)
-        else:
-            standard_output().print("No problems.")
-    return 2 if trial.problem else 0
+        print_json(_facts(system, [trial.problem] if trial.problem else [], notes))
+        return 2 if trial.problem else 0
+    _show(system, notes)
+    if trial.problem:
+        print_error(trial.problem)
+        return 2
+    standard_output().print("No problems.")
+    return 0
 
 
 def _resting(system: System) -> list[str]:
@@ -107,9 +103,7 @@ def _transformation(connection: Connection) -> str:
 def _show(system: System, notes: list[str]) -> None:
     console = standard_output()
     console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("Instance", "FMU", "Start values", "Steps over"):
-        table.add_column(heading)
+    table = make_table("Instance", "FMU", "Start values", "Steps over", whole=("Instance", "Steps over"))
     for instance in system.instances:
         starts = _starts(instance)
         values = ", ".join(f"{name} = {value}" for name, value in list(starts.items())[:SHOWN_VALUES])
@@ -164,7 +158,3 @@ def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, A
         "decimation": system.decimation,
         "system_hash": system.digest,
     }
-
-
-def _print_json(content: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(content, indent=2) + "\n")

@@ -1,33 +1,131 @@
-"""What all commands of ``cosim`` share: how they print, and where they find FMUs given by name."""
+"""What all commands of ``cosim`` share: tables, errors, notes, the progress bar, JSON, and common arguments.
+
+Results go to standard output, everything else to standard error, so that output can be piped.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
 from rich.markup import escape
 
-PIPE_WIDTH = 160
+if TYPE_CHECKING:
+    from rich.progress import Progress
+    from rich.table import Table
+
+WIDTH = 80
 """Width of tables that go to a file or a pipe."""
+QUIET_SECONDS = 1.0
+"""Work shorter than this shows no progress bar."""
 
 
 def standard_output() -> Console:
     """Standard output, for text and tables."""
     console = Console(highlight=False)
     if not console.is_terminal:
-        console.width = max(console.width, PIPE_WIDTH)
+        console.width = WIDTH
     return console
 
 
-def complain(text: str) -> None:
-    """An error on standard error, never folded, so that it can be searched for."""
+def print_error(text: str) -> None:
+    """Print an error on standard error, never folded, so that it can be searched for."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(text)}")
 
 
-def remark(text: str) -> None:
-    """A line on standard error."""
+def print_note(text: str) -> None:
+    """Print a line on standard error."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(escape(text))
+
+
+def print_json(content: Any) -> None:
+    """Print ``content`` as JSON on standard output; numbers that are not finite become null."""
+    sys.stdout.write(json.dumps(_finite(content), indent=2) + "\n")
+
+
+def make_table(*headings: str, right: Sequence[str] = (), whole: Sequence[str] = (), title: str = "") -> Table:
+    """A table in the one style of all commands; the columns named in ``right`` hold numbers.
+
+    The columns named in ``whole`` are never folded. In the others texts are folded rather than cut where the terminal
+    is too narrow. Columns without a heading are named by their number.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    shown = any(headings)
+    table = Table(
+        box=SIMPLE_HEAD if shown else None,
+        padding=(0, 1) if shown else (0, 2, 0, 0),
+        title=escape(title) or None,
+        title_justify="left",
+        title_style="bold",
+        show_header=shown,
+        pad_edge=False,
+    )
+    for number, heading in enumerate(headings):
+        name = heading or str(number)
+        justify = "right" if name in right else "left"
+        table.add_column(escape(heading), justify=justify, overflow="fold", no_wrap=name in whole)
+    return table
+
+
+def show(options: argparse.Namespace, content: Mapping[str, Any], rows: Sequence[Sequence[str]], title: str) -> None:
+    """Show a result as JSON if it is asked for, else as a table whose first row holds the headings."""
+    if options.json:
+        print_json(content)
+        return
+    console = standard_output()
+    headings, *lines = rows
+    table = make_table(*headings, right=headings[1:])
+    for line in lines:
+        table.add_row(*(escape(cell) for cell in line))
+    console.print(escape(title), soft_wrap=True)
+    console.print(table)
+
+
+class Bar(AbstractContextManager["Bar"]):
+    """A progress bar on a terminal, for work of more than a second."""
+
+    def __init__(self, description: str) -> None:
+        self._description = description
+        self._begun = time.perf_counter()
+        self._bar: Progress | None = None
+
+    def update(self, done: float, total: float | None, note: str = "") -> None:
+        """Show ``done`` of ``total``; without a total only what is done."""
+        if self._bar is None:
+            if time.perf_counter() - self._begun < QUIET_SECONDS or not sys.stderr.isatty():
+                return
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+            texts = (
+                TextColumn("{task.description}"),
+                TextColumn("{task.fields[count]} {task.fields[note]}"),
+            )
+            columns = texts[0], BarColumn(), texts[1], TimeElapsedColumn(), TimeRemainingColumn()
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar.add_task(escape(self._description), total=total, count="", note="")
+            self._bar.start()
+        count = f"{done:.4g}" if total is None else f"{done:.4g}/{total:.4g}"
+        self._bar.update(self._bar.task_ids[0], completed=done, total=total, count=count, note=escape(note))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
 
 
 def fmus_argument(parser: argparse.ArgumentParser) -> None:
@@ -38,3 +136,40 @@ def fmus_argument(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder of FMUs given by name (default: build/fmus/native, else those installed)",
     )
+
+
+class _Extend(argparse.Action):
+    """Gathers the values of every ``--set``."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: object) -> None:
+        given = [values] if isinstance(values, str) else list(values)
+        setattr(namespace, self.dest, [*getattr(namespace, self.dest), *given])
+
+
+def set_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Add ``--set``, which may be repeated; ``several``: it takes more than one value at a time."""
+    parser.add_argument(
+        "--set",
+        action=_Extend,
+        nargs="+" if several else None,
+        default=[],
+        metavar="INST.VAR=VALUE",
+        dest="values",
+        help="start values, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
+    )
+
+
+def common_arguments(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespace], int]) -> None:
+    """Add ``--json`` and ``--fmus``, and say what runs the command."""
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, for scripts")
+    fmus_argument(parser)
+    parser.set_defaults(command=command)
+
+
+def _finite(value: Any) -> Any:
+    """``value`` as JSON can hold it: what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]  # pyright: ignore[reportUnknownVariableType]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

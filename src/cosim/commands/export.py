@@ -1,4 +1,4 @@
-"""``cosim export``: a system as SSP for other tools, or as TOML."""
+"""``cosim export``: a system for other tools."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from rich.markup import escape
 
 from ..errors import DescriptionError
 from .console import standard_output
-from .systems import chosen_system, system_arguments
+from .systems import given_system, system_arguments
 
 
-def add_export(commands: Any) -> None:
-    """Add ``export`` to the subparsers of ``cosim``."""
-    parser = commands.add_parser(
+def add(commands: Any) -> None:
+    """Add ``export``."""
+    export = commands.add_parser(
         "export",
         help="write a system as SSP for other tools, or as TOML",
         description="Write a system with its FMUs as an SSP 1.0 package, which other tools run too, or as a TOML file.",
         epilog="Example: cosim export studies/shams2010/fsmc_5sin.toml -o fsmc_5sin.ssp",
     )
-    system_arguments(parser)
-    parser.add_argument(
+    system_arguments(export)
+    export.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="SYSTEM.ssp, or SYSTEM.toml with SYSTEM_fmus/"
     )
-    parser.set_defaults(command=export_command)
+    export.set_defaults(command=_run)
 
 
-def export_command(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """Write a system as SSP or TOML."""
     from ..system.ssp_write import write_ssp
     from ..system.toml_write import write_toml
@@ -37,7 +37,7 @@ def export_command(options: argparse.Namespace) -> int:
     suffix = options.output.suffix.lower()
     if suffix not in writers:
         raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")
-    system = chosen_system(options)
+    system = given_system(options)
     path = writers[suffix](system, options.output)
     standard_output().print(
         f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."

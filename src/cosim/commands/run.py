@@ -1,73 +1,87 @@
-"""``cosim run``: a run of a system, and what is shown of it."""
+"""``cosim run``: run a system and show what came out."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from math import isfinite
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
-from .console import complain, remark, standard_output
-from .systems import chosen_system
+from .console import Bar, make_table, print_error, print_json, print_note, standard_output
+from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
-    from ..master.instance import CallError
+    from ..master.instance import RunError
     from ..result.result import Result
-    from ..system.system import System
-
 
 MAX_SHOWN_MESSAGES = 20
-
-
 MAX_SHOWN_NAMES = 5
 
 
-def run_command(options: argparse.Namespace) -> int:
+def add(commands: Any) -> None:
+    """Add ``run``."""
+    run = commands.add_parser(
+        "run",
+        help="run a system, or an FMU alone",
+        description="Run a system and show what came out. An FMU runs alone, over the times that its file suggests.",
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet, or "
+        "cosim run Trajectory --set kind=quintic --plot move.png",
+    )
+    system_arguments(run)
+    run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
+    run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
+    run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
+    run.add_argument(
+        "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
+    )
+    run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
+    run.set_defaults(command=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
     """Run a system and show what came out."""
     begun = time.perf_counter()
     if options.output is not None:
         from ..result.result import check_output
 
         check_output(options.output)
-    system = chosen_system(options)
-    from ..master.instance import CallError
+    system = given_system(options)
+    from ..master.instance import RunError
     from ..master.run import Interrupted
     from ..master.simulation import simulate
 
     if not options.json:
         for note in system.notes:
-            remark(f"note: {note}")
+            print_note(f"note: {note}")
     try:
-        with _Bar(system) as bar:
-            result = simulate(system, progress=bar.update, debug=options.debug)
-    except CallError as error:
+        with Bar("Seconds") as bar:
+            length = float(system.stop_time - system.start_time)
+            result = simulate(
+                system,
+                progress=lambda share: bar.update(share * length, length),
+                debug=options.debug,
+                keep_going=options.keep_going,
+            )
+    except RunError as error:
         _failed(error, options)
         return 1
     except Interrupted as interruption:
-        complain(f"Interrupted. {_kept(interruption.result, options)}")
+        print_error(f"Interrupted. {_kept(interruption.result, options)}")
         _finish(interruption.result, options, begun, system.notes)
         return 130
     return _finish(result, options, begun, system.notes)
 
 
-def _failed(error: CallError, options: argparse.Namespace) -> None:
+def _failed(error: RunError, options: argparse.Namespace) -> None:
     if error.result is not None:
         _show_messages(error.result, but=error.message)
-    complain(str(error))
+    print_error(str(error))
     if error.result is not None and error.result.time.size:
-        remark(_kept(error.result, options))
+        print_note(_kept(error.result, options))
         _save(error.result, options)
 
 
@@ -90,19 +104,19 @@ def _save(result: Result, options: argparse.Namespace) -> None:
 
 
 def _finish(result: Result, options: argparse.Namespace, begun: float, notes: Sequence[str]) -> int:
-    """Messages, files and the summary that end a run; the exit code, 1 if values are not finite."""
+    """Messages, files and the summary that end a run; the exit code, 1 if recorded values are not finite."""
     from ..result.summary import not_finite, summary
 
     figures, wrong = summary(result), not_finite(result)
     if wrong:
-        complain(_not_finite(wrong))
+        print_error(_not_finite(wrong))
     _show_messages(result)
     _save(result, options)
     facts = result.metadata
     simulated = facts["steps"] * facts["step_size"]
     factor = simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
     if options.json:
-        facts_shown = {
+        content = {
             "system": facts["system"],
             "system_hash": facts["system_hash"],
             "partial": result.partial,
@@ -115,27 +129,17 @@ def _finish(result: Result, options: argparse.Namespace, begun: float, notes: Se
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
             "figures": [
-                {
-                    "name": row.name,
-                    "value": row.value if isfinite(row.value) else None,
-                    "unit": row.unit,
-                    "reason": row.reason or None,
-                }
+                {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
                 for row in figures
             ],
             "not_finite": wrong,
-            "notes": list(notes),
+            "notes": notes,
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
         }
-        sys.stdout.write(json.dumps(facts_shown, indent=2) + "\n")
+        print_json(content)
         return 1 if wrong else 0
-    table = Table(
-        title=escape(str(facts["description"] or facts["system"])), title_justify="left", show_header=False, box=SIMPLE
-    )
-    table.add_column()
-    table.add_column(justify="right")
-    table.add_column()
+    table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{simulated:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
     table.add_row("Time of the steps", f"{facts['stepping_seconds']:.3g}", f"s, {factor:.3g} times real time")
@@ -170,37 +174,7 @@ def _show_messages(result: Result, but: str = "") -> None:
     """What FMUs logged, without the message ``but``, which is told elsewhere."""
     messages = [message for message in result.messages if message.text != but]
     for message in messages[:MAX_SHOWN_MESSAGES]:
-        remark(str(message))
+        print_note(str(message))
     more = len(messages) - MAX_SHOWN_MESSAGES + result.dropped_messages
     if more > 0:
-        remark(f"and {more} more messages")
-
-
-class _Bar(AbstractContextManager["_Bar"]):
-    """A progress bar for work of more than a second, on a terminal only."""
-
-    def __init__(self, system: System) -> None:
-        self._length = float(system.stop_time - system.start_time)
-        self._start = time.perf_counter()
-        self._bar: Progress | None = None
-
-    def update(self, fraction: float) -> None:
-        if self._bar is None:
-            if time.perf_counter() - self._start < 1.0 or not sys.stderr.isatty():
-                return
-            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = BarColumn(), TextColumn("{task.completed:.3g} of {task.total:g} s"), TimeRemainingColumn()
-            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._bar.add_task("", total=self._length)
-            self._bar.start()
-        self._bar.update(self._bar.task_ids[0], completed=fraction * self._length)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        print_note(f"and {more} more messages")

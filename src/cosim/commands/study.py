@@ -2,54 +2,68 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
+from typing import Any
 
-from ..study import find_study, judge, load_study, matching_runs, run_study
+from rich.markup import escape
+
+from .console import Bar, fmus_argument, make_table, print_error, standard_output
+
+
+def add(commands: Any) -> None:
+    """Add ``study``."""
+    study = commands.add_parser(
+        "study",
+        help="run a study and write its report",
+        description="Run all systems of a study and write its report: what was published, what was measured.",
+        epilog="Example: cosim study shams2010 --output results/shams2010",
+    )
+    study.add_argument("name", metavar="NAME", help="a study, such as shams2010; cosim list shows all")
+    study.add_argument("--output", type=Path, metavar="DIR", help="folder of the report (default: results/NAME)")
+    study.add_argument("--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*'")
+    study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
+    fmus_argument(study)
+    study.set_defaults(command=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    return main(options.name, options.output, runs=options.runs, jobs=options.jobs, fmus=options.fmus)
 
 
 def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 1, fmus: Path | None = None) -> int:
-    """``cosim study``: run a study, write its report into ``output`` (results/NAME), show the verdicts.
+    """Run a study, write its report into ``output`` (results/NAME), show the verdicts.
 
     Returns 0, or 1 if a run failed; a claim that does not hold is a finding, not a failure.
     """
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.table import Table
-
+    from ..study import Outcome, find_study, judge, load_study, matching_runs, run_study
     from ..study.report import STYLES, counts, values, write_report
 
     folder = find_study(name)
     study = load_study(folder)
-    console, errors = Console(highlight=False), Console(stderr=True, highlight=False)
-    if not console.is_terminal:
-        console.width = max(console.width, 160)
-    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
-    with Progress(*columns, console=errors, transient=True) as bar:
-        names = matching_runs(study, runs)
-        task = bar.add_task("", total=len(names))
-        outcomes = run_study(
-            folder,
-            pattern=runs,
-            jobs=jobs,
-            fmus=fmus,
-            progress=lambda outcome: bar.update(task, advance=1, description=escape(outcome.name)),
-        )
+    total = len(matching_runs(study, runs))
+    done = 0
+    with Bar("Runs") as bar:
+
+        def advance(outcome: Outcome) -> None:
+            nonlocal done
+            done += 1
+            bar.update(done, total, outcome.name)
+
+        outcomes = run_study(folder, pattern=runs, jobs=jobs, fmus=fmus, progress=advance)
     verdicts = [judge(claim, outcomes) for claim in study.claims]
     report = write_report(output or Path("results") / folder.name, folder.name, study, outcomes, verdicts)
-    table = Table(title=escape(study.title), title_justify="left", box=SIMPLE_HEAD)
-    for heading in ("", "Claim", "Measured", "Verdict"):
-        table.add_column(heading)
+    table = make_table("", "Claim", "Measured", "Verdict", title=study.title)
     for verdict in verdicts:
         claim = verdict.claim
         measured = values(verdict.measured, claim.unit) or verdict.reason
         style = STYLES[verdict.status]
         table.add_row(claim.id, escape(claim.text), escape(measured), f"[{style}]{verdict.status}[/]")
+    console = standard_output()
     console.print(table)
     console.print(", ".join(f"{count} {status}" for status, count in counts(verdicts).items()))
     console.print(f"Written: {escape(str(report))}")
     failed = [outcome for outcome in outcomes.all() if outcome.failure]
     for outcome in failed:
-        errors.print(f"[bold red]error:[/] run {escape(outcome.name)}: {escape(outcome.failure)}", soft_wrap=True)
+        print_error(f"run {outcome.name}: {outcome.failure}")
     return 1 if failed else 0

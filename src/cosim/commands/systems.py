@@ -1,4 +1,4 @@
-"""What all commands share that take a system: their arguments, and how the system is read."""
+"""The arguments of every command that takes a system, and the system they ask for."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..errors import DescriptionError
-from .console import fmus_argument
+from .console import fmus_argument, set_argument
 
 if TYPE_CHECKING:
     from ..system.system import System
@@ -18,9 +18,9 @@ def system_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "system",
         metavar="SYSTEM|FMU",
-        help="a system file, one of 'cosim list' (shams2010/fsmc_5sin), or an FMU, which then runs alone",
+        help="a system file, one of 'cosim list' (shams2010/fsmc_5sin), or an FMU, which runs alone then",
     )
-    settings_argument(parser)
+    set_argument(parser)
     parser.add_argument("--stop-time", metavar="SECONDS", help="end of the run, such as 2.5")
     parser.add_argument("--step-size", metavar="SECONDS", help="communication step, such as 1e-4 or 1/30")
     parser.add_argument(
@@ -36,35 +36,23 @@ def system_arguments(parser: argparse.ArgumentParser) -> None:
     fmus_argument(parser)
 
 
-def settings_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Add ``--set``, which takes one value, or with ``several`` all that follow."""
-    parser.add_argument(
-        "--set",
-        action="extend",
-        nargs="+" if several else 1,
-        default=[],
-        metavar="INST.VAR=VALUE",
-        dest="values",
-        help="a start value, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
-    )
-
-
-def settings(options: argparse.Namespace) -> dict[str, object]:
-    """The values of ``--set`` by name. Raises DescriptionError."""
+def given_values(items: Sequence[str]) -> dict[str, object]:
+    """The values of ``--set`` by variable. Raises DescriptionError with every item that cannot be read."""
     from ..system.values import parse_settings
 
-    return parse_settings(options.values)
+    return parse_settings(items)
 
 
-def chosen_system(options: argparse.Namespace) -> System:
-    """The system that the options name. Raises DescriptionError with every problem, those of ``--set`` included."""
+def given_system(options: argparse.Namespace) -> System:
+    """The checked system that the arguments name. Raises DescriptionError with every problem, of ``--set``, too."""
     from ..system.system import read_system
 
     problems: list[str] = []
+    values: dict[str, object] = {}
     try:
-        values = settings(options)
+        values = given_values(options.values)
     except DescriptionError as error:
-        values, problems = {}, list(error.problems)
+        problems += error.problems
     order: str | Sequence[str] | None = options.order
     if isinstance(order, str) and order not in ("sequential", "parallel"):
         order = [name.strip() for name in order.split(",")]

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from ..errors import DescriptionError
-from .console import complain, fmus_argument, remark, standard_output
+from .console import Bar, fmus_argument, make_table, print_error, print_json, print_note, standard_output
 
 if TYPE_CHECKING:
     from ..reference.replay import Outcome, Report
 
 
-def add_verify(commands: Any) -> None:
+def add(commands: Any) -> None:
     """Add ``verify`` to the subparsers of ``cosim``."""
     parser = commands.add_parser(
         "verify",
@@ -50,12 +45,10 @@ def add_verify(commands: Any) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw references and replay, one file an FMU")
     parser.add_argument("--json", action="store_true", help="print every signal as JSON, for scripts")
     fmus_argument(parser)
-    parser.set_defaults(command=_verify)
+    parser.set_defaults(command=_run)
 
 
-def _verify(options: argparse.Namespace) -> int:
-    from rich.progress import track
-
+def _run(options: argparse.Namespace) -> int:
     from ..reference.replay import verify_all
 
     problems: list[str] = []
@@ -72,13 +65,14 @@ def _verify(options: argparse.Namespace) -> int:
         raise DescriptionError(problems)
     reports: list[Report] = []
     found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=options.timeout)
-    quiet = not sys.stderr.isatty()
-    for report in track(found, "Replaying", len(paths), console=Console(stderr=True), transient=True, disable=quiet):
-        reports.append(report)
-        if options.plot is not None and any(outcome.signals for outcome in report.outcomes):
-            _draw(report, options.plot, len(paths))
+    with Bar("Replaying") as bar:
+        for report in found:
+            reports.append(report)
+            if options.plot is not None and any(outcome.signals for outcome in report.outcomes):
+                _draw(report, options.plot, len(paths))
+            bar.update(len(reports), len(paths), report.path.name)
     if options.json:
-        sys.stdout.write(json.dumps([_facts(report) for report in reports], indent=2) + "\n")
+        print_json([_facts(report) for report in reports])
     else:
         _show(reports)
     return max(report.code for report in reports)
@@ -106,49 +100,44 @@ def _draw(report: Report, target: Path, number: int) -> None:
 
 def _show(reports: Sequence[Report]) -> None:
     console = standard_output()
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("FMU", "FMI"):
-        table.add_column(heading, no_wrap=True)
-    table.add_column("Experiment", overflow="fold")
-    for heading in ("Rows", "Signals", "Difference", "Tolerance"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for heading in ("Signal", "Time / s", "Verdict"):
-        table.add_column(heading, justify="right" if heading == "Time / s" else "left")
+    headings = ("FMU", "Experiment", "Signals", "Worst signal", "Share", "Verdict")
+    whole = ("FMU", "Signals", "Share", "Verdict")
+    table = make_table(*headings, right=("Signals", "Share"), whole=whole)
     for report in reports:
-        title = (escape(report.path.stem), f"{report.fmi} {report.interface}".strip())
+        title = escape(report.path.stem)
         for outcome in report.outcomes:
-            table.add_row(*title, *_row(outcome))
-            title = ("", "")
+            table.add_row(title, *_row(outcome))
+            title = ""
         if not report.outcomes:
-            table.add_row(*title, "", "", "", "", "", "", "", "[red]no replay[/]")
+            table.add_row(title, "", "", "", "", "[red]no replay[/]")
     console.print(table)
+    console.print("Share: the largest difference as a part of the tolerance; 1 and below is within.")
     if any(not signal.stated for report in reports for outcome in report.outcomes for signal in outcome.signals):
-        console.print("* the default, as the FMU states no tolerance")
+        console.print("* of the default tolerance, as the FMU states none")
     for report in reports:
         for problem in report.problems:
-            complain(problem)
+            print_error(problem)
         for outcome in report.outcomes:
             said = f"{report.path.name}: experiment '{outcome.experiment.name}': "
             if outcome.failure:
-                complain(said + outcome.failure)
+                print_error(said + outcome.failure)
             for note in outcome.notes:
-                remark(said + note)
+                print_note(said + note)
 
 
 def _row(outcome: Outcome) -> tuple[str, ...]:
+    """Experiment, signals, the worst of them, and its difference as a share of the tolerance."""
     worst = outcome.worst
-    start = (escape(outcome.experiment.name), str(outcome.rows))
+    name = escape(outcome.experiment.name)
     if worst is None:
-        return (*start, "", "", "", "", "", "[red]failed[/]")
+        return (name, "", "", "", "[red]failed[/]")
     outside = sum(not signal.within for signal in outcome.signals)
     stated = "" if worst.stated else "*"
     return (
-        *start,
+        name,
         str(len(outcome.signals)),
-        f"{worst.largest:.2g} {escape(worst.unit)}".strip(),
-        f"{worst.limit:.2g} {escape(worst.unit)}{stated}".strip(),
         escape(worst.name),
-        f"{worst.at:.5g}",
+        f"{worst.share:.2g}{stated}",
         "[green]within[/]" if outcome.within else f"[red]{outside} of {len(outcome.signals)} outside[/]",
     )
 
@@ -174,7 +163,7 @@ def _facts(report: Report) -> dict[str, Any]:
                     {
                         "name": signal.name,
                         "unit": signal.unit,
-                        "largest_difference": signal.largest if math.isfinite(signal.largest) else None,
+                        "largest_difference": signal.largest,
                         "time": signal.at,
                         "tolerance": signal.limit,
                         "tolerance_stated": signal.stated,

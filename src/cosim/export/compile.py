@@ -19,7 +19,7 @@ RUNTIME = Path(__file__).with_name("runtime")
 """The folder of the C sources common to all native FMUs."""
 COMMON_SOURCES = ("core.c", "integrator.c", "integrator.h")
 SOURCES = ("model.c",)
-LIBRARIES = {"model.c": "-lm", "proxy.c": "-ldl"}
+LIBRARIES = {"loop.c": "-lm", "model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (
     "-std=c99",
     "-O2",

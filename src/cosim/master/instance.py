@@ -37,7 +37,17 @@ FATAL = 4
 MAX_MESSAGES = 10_000
 
 
-class CallError(SimulationError):
+class RunError(SimulationError):
+    """Something ended a run early; ``result`` holds what was computed."""
+
+    def __init__(self, text: str, *, time: float, message: str = "") -> None:
+        self.time = time
+        self.message = message
+        self.result: Result | None = None
+        super().__init__(text)
+
+
+class CallError(RunError):
     """An FMI call failed: who, which function, when, which status, and the last message of the FMU."""
 
     def __init__(
@@ -45,12 +55,10 @@ class CallError(SimulationError):
     ) -> None:
         self.instance = instance
         self.function = function
-        self.time = time
         self.status = status
-        self.message = message
-        self.result: Result | None = None
         said = f" The FMU said: {message}" if message else " The FMU gave no message."
-        super().__init__(f"{instance}: {function} at {time:.9g} s returned fmi2{status}.{said}{remedy}")
+        text = f"{instance}: {function} at {time:.9g} s returned fmi2{status}.{said}{remedy}"
+        super().__init__(text, time=time, message=message)
 
 
 class _Log:
@@ -112,7 +120,8 @@ _LOADING = threading.Lock()
 class FmuInstance:
     """An instance on FMPy's FMU2Slave: its calls checked, its messages kept."""
 
-    def __init__(self, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
+    def __init__(self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
+        self.number = number
         self.name = instance.name
         self.fmu: Fmu = instance.fmu
         self.log = _Log(instance.name)
@@ -122,7 +131,7 @@ class FmuInstance:
         self._debug = debug
         self._slave: Any = None
 
-    def load(self, number: int) -> None:
+    def load(self) -> None:
         """Load the library and create the instance. Raises SimulationError."""
         with _LOADING:
             place = os.getcwd()

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..fmu.description import Variable
-from ..master import loop
 from ..system.parts import Connection
 from ..system.system import System
+from . import loop
 from .instance import FmuInstance
 
 KINDS = {"Real": 0, "Integer": 1, "Enumeration": 1, "Boolean": 2}
@@ -27,25 +27,22 @@ def same_program(one: System, other: System) -> bool:
     return same and multiples and one.parallel == other.parallel
 
 
-Row = dict[np.uint64, int]
-"""A row of the loop's program: column -> number, 0 where nothing is said."""
-
-
 @dataclass
 class Program:
-    """What the compiled loop executes for one system, in arrays."""
+    """What the loop executes for one system, in arrays."""
 
-    point: list[Row]
-    step: list[Row]
-    initial: list[Row]
+    point: list[loop.Row]
+    step: list[loop.Row]
+    initial: list[loop.Row]
     """Rows for a communication point, from one to the next, and for a pass of initialization."""
-    outputs: list[Row]
+    outputs: list[loop.Row]
     """Rows that read all outputs needed."""
-    sources: NDArray[np.uint64]
-    factors: NDArray[np.float64]
-    offsets: NDArray[np.float64]
+    slots: Mapping[tuple[str, str], int]
+    connections: list[Connection]
+    """In the order of ``links``."""
+    links: NDArray[np.void]
     values: NDArray[np.float64]
-    integers: NDArray[np.int32]
+    others: NDArray[np.uint64]
     recorded: NDArray[np.uint64]
     references: list[NDArray[np.uint32]]
     """Held because the rows know them by address only."""
@@ -71,22 +68,30 @@ class Signals:
                 for name in [*(c.target[1] for c in inputs), *(v.name for v in outputs)]:
                     self.slots[instance.name, name] = len(self.slots)
         self.values = np.zeros(max(len(self.slots), 1))
-        self.integers = np.zeros(self.values.size, dtype=np.int32)
+        self.others = np.zeros(self.values.size, dtype=np.uint64)
+        """Buffers for values of other types than double, those of a call side by side from its first slot on."""
         self.references: list[NDArray[np.uint32]] = []
 
-    def call(self, slave: FmuInstance, call: int, variables: Sequence[Variable]) -> Row:
-        """A call of one FMI function on variables whose slots lie side by side."""
+    def call(self, slave: FmuInstance, kind: int, variables: Sequence[Variable], *, into: bool) -> loop.Row:
+        """A call that sets (``into``) or reads variables whose slots lie side by side."""
+        name, number = list(loop.FMI2_TYPES.items())[kind]
+        function = f"fmi2{'Set' if into else 'Get'}{name}"
         self.references.append(np.array([variable.reference for variable in variables], dtype=np.uint32))
         slot = self.slots[slave.name, variables[0].name]
-        buffer = self.values if call in (loop.SET_REAL, loop.GET_REAL) else self.integers
+        buffer = self.values if number == loop.FLOAT64 else self.others
         return {
+            loop.ACT: loop.EXCHANGE,
+            loop.FMI: 2,
             loop.COMPONENT: slave.component,
-            loop.CALL: call,
-            loop.FUNCTION: slave.address(loop.FUNCTIONS[call]),
+            loop.FUNCTION: slave.address(function),
+            loop.CALL: loop.call_number(slave.number, function),
             loop.REFERENCES: self.references[-1].ctypes.data,
+            loop.REFERENCE_COUNT: len(variables),
             loop.COUNT: len(variables),
             loop.BUFFER: buffer.ctypes.data + slot * buffer.itemsize,
             loop.SLOT: slot,
+            loop.TYPE: number,
+            loop.SET: int(into),
         }
 
 
@@ -94,33 +99,28 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
     """Resolve names to slots, value references and addresses, once."""
     signals = Signals(system)
     links: list[Connection] = []
-    sets: dict[str, list[Row]] = {}
-    gets: dict[str, list[Row]] = {}
-    step: list[Row] = []
+    sets: dict[str, list[loop.Row]] = {}
+    gets: dict[str, list[loop.Row]] = {}
+    step: list[loop.Row] = []
     for instance, slave in zip(system.instances, slaves, strict=True):
         variables, name, multiple = instance.fmu.variables, instance.name, instance.step_multiple
         into, out = sets.setdefault(name, []), gets.setdefault(name, [])
         for kind in range(3):
             connections, outputs = signals.inputs[name, kind], signals.outputs[name, kind]
             if connections:
-                row = signals.call(slave, loop.SET_REAL + kind, [variables[c.target[1]] for c in connections])
-                joined = {loop.LINKS: len(connections), loop.LINK: len(links)}
-                if kind == 0:
-                    into.append({**row, **joined})
-                else:
-                    convert = loop.TO_INTEGER if kind == 1 else loop.TO_BOOLEAN
-                    into += [{**joined, **_conversion(row, convert)}, row]
+                row = signals.call(slave, kind, [variables[c.target[1]] for c in connections], into=True)
+                into.append({**row, loop.LINKS: len(connections), loop.LINK: len(links)})
                 links += connections
             if outputs:
-                row = signals.call(slave, loop.GET_REAL + kind, outputs)
-                out += [row] if kind == 0 else [row, _conversion(row, loop.FROM_INTEGER)]
-        first, *others = out or [{loop.COMPONENT: slave.component, loop.CALL: loop.FROM_INTEGER}]
-        stepping = {loop.STEP: slave.address("fmi2DoStep"), loop.MULTIPLE: multiple}
+                out.append(signals.call(slave, kind, outputs, into=False))
+        first, *others = out or [{loop.FMI: 2, loop.COMPONENT: slave.component}]
+        called = loop.call_number(slave.number, "fmi2DoStep")
+        stepping = {loop.STEP: slave.address("fmi2DoStep"), loop.STEP_CALL: called, loop.MULTIPLE: multiple}
         step += _guarded([{**first, **stepping}, *others], multiple)
 
     fed = {connection.target for connection in system.connections}
-    point: list[Row] = []
-    initial: list[Row] = []
+    point: list[loop.Row] = []
+    initial: list[loop.Row] = []
     for name in system.visits:
         instance = system.instance(name)
         read = [variable.name for kind in range(3) for variable in signals.outputs[name, kind]]
@@ -133,32 +133,20 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
         step=step,
         initial=initial,
         outputs=[row for rows in gets.values() for row in rows],
-        sources=np.array([signals.slots[c.source] for c in links], dtype=np.uint64),
-        factors=np.array([c.factor for c in links], dtype=np.float64),
-        offsets=np.array([c.offset for c in links], dtype=np.float64),
+        slots=signals.slots,
+        connections=links,
+        links=np.array(
+            [(signals.slots[c.source], signals.slots[c.target], c.factor, c.offset) for c in links], loop.LINK_TYPE
+        ),
         values=signals.values,
-        integers=signals.integers,
+        others=signals.others,
         recorded=np.array([signals.slots[end] for end in system.record], dtype=np.uint64),
         references=signals.references,
     )
 
 
-def _conversion(row: Row, act: int) -> Row:
-    """Between doubles and integers, for the slots of the call in ``row``."""
-    return {loop.CALL: act, loop.COUNT: row[loop.COUNT], loop.SLOT: row[loop.SLOT]}
-
-
-def _guarded(rows: list[Row], multiple: int) -> list[Row]:
+def _guarded(rows: list[loop.Row], multiple: int) -> list[loop.Row]:
     """Rows that hold only at every ``multiple``-th communication point."""
     if multiple == 1 or not rows:
         return rows
-    return [{loop.CALL: loop.GUARD, loop.MULTIPLE: multiple, loop.COUNT: len(rows)}, *rows]
-
-
-def program_array(rows: list[Row]) -> NDArray[np.uint64]:
-    """The rows of a program as one array for the loop."""
-    program = np.zeros((len(rows), loop.PROGRAM_COLUMNS), dtype=np.uint64)
-    for number, row in enumerate(rows):
-        for column, value in row.items():
-            program[number, column] = value
-    return program.reshape(-1)
+    return [{loop.ACT: loop.GUARD, loop.MULTIPLE: multiple, loop.COUNT: len(rows)}, *rows]

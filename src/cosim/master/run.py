@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..fmu.description import Value, Variable
-from ..master import loop
 from ..result.result import Column, Message, Result
+from ..system.parts import Connection
 from ..system.system import System
-from .instance import CallError, FmuInstance, fmpy
-from .program import KINDS, Program, Row, program_array
+from . import loop, loop_plain
+from .instance import FmuInstance, RunError, fmpy
+from .program import KINDS, Program
 
 Progress = Callable[[float], None]
 """Called with the fraction of the run that is done, at most some twenty times a second."""
@@ -45,15 +46,38 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(f"interrupted at {result.time[-1] if result.time.size else 0.0:.9g} s")
 
 
+class SignalError(RunError):
+    """A connection carries a value that its input cannot take: not finite, or beyond the input's type."""
+
+    def __init__(self, connection: Connection, value: float, *, time: float, why: str) -> None:
+        self.connection = connection
+        self.value = value
+        source, target = ".".join(connection.source), ".".join(connection.target)
+        super().__init__(
+            f"{source} gives {target} the value {value:.9g} at {time:.9g} s: {why}. To go on with such values: "
+            "--keep-going, or keep_going=True.",
+            time=time,
+        )
+
+
 class Run:
     """One run of a system on loaded instances."""
 
     def __init__(
-        self, system: System, slaves: list[FmuInstance], program: Program, *, begin: int = 0, end: int | None = None
+        self,
+        system: System,
+        slaves: list[FmuInstance],
+        program: Program,
+        *,
+        begin: int = 0,
+        end: int | None = None,
+        check: bool = True,
     ) -> None:
         self.system = system
         self.slaves = slaves
         self.program = program
+        self.check = check
+        """Whether values on connections must be finite and fit their inputs."""
         self.last = system.steps if end is None else end
         """The communication point that ends the run."""
         self.clock = np.array([float(system.start_time), float(system.step_size)])
@@ -85,7 +109,7 @@ class Run:
             if end is None:
                 for slave in self.slaves:
                     slave.call("fmi2Terminate")
-        except CallError as error:
+        except RunError as error:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped or end is not None)
@@ -103,7 +127,7 @@ class Run:
                 self.slaves[number].set(variable, value)
             stopped = self.step(progress, interrupted)
             solver = self.counters()
-        except CallError as error:
+        except RunError as error:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped)
@@ -146,10 +170,10 @@ class Run:
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
 
-    def once(self, rows: list[Row]) -> None:
-        """Do some rows at the start of the run, recording nothing."""
+    def once(self, rows: list[loop.Row]) -> None:
+        """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
-        self.loop(program_array(rows), len(rows), unrecorded, end=0, last=0)
+        self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)
         self.state[loop.ROWS] = 0
 
     def loop(
@@ -160,32 +184,44 @@ class Run:
         *,
         end: int,
         last: int,
+        check: bool,
     ) -> None:
-        """Let the compiled loop go on to ``end``; ``record`` is slots, rows and decimation. Raises CallError."""
-        p = self.program
-        signals = p.sources, p.factors, p.offsets, p.values, p.integers
+        """Let the loop go on to ``end``; ``record`` is slots, rows and decimation. Raises RunError."""
         slots, rows, decimation = record
-        if not loop.advance(
-            program, split, *signals, slots, rows, self.clock, self.state, end=end, last=last, decimation=decimation
-        ):
-            failed = int(self.state[loop.FAILED_COMPONENT])
-            slave = next(slave for slave in self.slaves if slave.component == failed)
-            function = loop.FUNCTIONS[int(self.state[loop.FAILED_FUNCTION])]
-            raise slave.failed(function, int(self.state[loop.FAILED_STATUS]))
+        arrays = program, split, self.program.links, self.program.values, slots, rows, self.clock, self.state
+        advance = loop.compiled() or loop_plain.advance
+        if not advance(*arrays, end=end, last=last, decimation=decimation, check=check):
+            raise self.stopped()
+
+    def stopped(self) -> RunError:
+        """Why the loop has stopped."""
+        program, state = self.program, self.state
+        if state[loop.REASON] == loop.NOT_FINITE:
+            number = int(state[loop.FAILED_LINK])
+            source, _, factor, offset = program.links[number].tolist()
+            value = factor * float(program.values[source]) + offset
+            return SignalError(program.connections[number], value, time=self.time(), why="not finite")
+        if state[loop.REASON] == loop.OUT_OF_RANGE:
+            slot = int(state[loop.FAILED_SLOT])
+            connection = next(c for c in program.connections if program.slots[c.target] == slot)
+            why = f"more than an {self.system.variable(*connection.target).type} can be"
+            return SignalError(connection, float(program.values[slot]), time=self.time(), why=why)
+        number, function = loop.call_of(state) or (0, "")
+        return self.slaves[number].failed(function, int(state[loop.STATUS]))
 
     def step(self, progress: Progress | None, interrupted: Callable[[], bool], pause: int | None = None) -> bool:
         """Run all steps, or those before point ``pause``, in chunks of about ``CHUNK_SECONDS``; True if interrupted."""
         chunk = 64
         stop = self.last if pause is None else pause
         last = stop if pause is None else stop + 1
-        program = program_array(self.program.point + self.program.step)
+        program = loop.array(self.program.point + self.program.step)
         split = len(self.program.point)
         record = self.program.recorded, self.rows, self.system.decimation
         while True:
             end = min(int(self.state[loop.POINT]) + chunk, stop)
             begun = clock_time.perf_counter()
             try:
-                self.loop(program, split, record, end=end, last=last)
+                self.loop(program, split, record, end=end, last=last, check=self.check)
             finally:
                 spent = clock_time.perf_counter() - begun
                 self.stepping_seconds += spent

@@ -59,14 +59,16 @@ def simulate(
     order: str | list[str] | None = None,
     progress: Progress | None = None,
     debug: bool = False,
+    keep_going: bool = False,
 ) -> Result:
     """Run ``system`` once. ``debug`` lets the FMUs log everything, not only what went wrong.
 
-    Raises DescriptionError, CallError (with ``result``), or Interrupted (with ``result``) on Ctrl-C.
+    Values on connections that are not finite, or beyond the type of their input, end the run unless ``keep_going``.
+    Raises DescriptionError, CallError or SignalError (with ``result``), or Interrupted (with ``result``) on Ctrl-C.
     """
     if stop_time is not None or step_size is not None or order is not None:
         system = system.changed(stop_time=stop_time, step_size=step_size, order=order)
-    with Simulation(system, debug=debug) as simulation:
+    with Simulation(system, debug=debug, keep_going=keep_going) as simulation:
         return simulation.run(progress=progress)
 
 
@@ -80,9 +82,10 @@ class Simulation:
     A context manager: instances exist between entering and leaving it.
     """
 
-    def __init__(self, system: System, *, debug: bool = False) -> None:
+    def __init__(self, system: System, *, debug: bool = False, keep_going: bool = False) -> None:
         self.system = system
         self.debug = debug
+        self.keep_going = keep_going
         self._slaves: list[FmuInstance] = []
         self._fresh = True
         self._program: tuple[System, Program] | None = None
@@ -145,7 +148,7 @@ class Simulation:
             raise
         self._saved += saved
         program = run.program
-        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.integers.copy())
+        return Checkpoint(system, run.time(), result, point, saved, program.values.copy(), program.others.copy())
 
     def resume(
         self,
@@ -164,10 +167,11 @@ class Simulation:
         if end <= checkpoint.point:
             raise DescriptionError(f"stop time {stop_time} s is not after the checkpoint at {checkpoint.time:.9g} s.")
         values = _changes(system, changes or {})
-        run = Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end)
+        check = not self.keep_going
+        run = Run(system, self._slaves, self._prepared(system), begin=checkpoint.point, end=end, check=check)
         self.restore(checkpoint)
         run.program.values[:] = checkpoint.values
-        run.program.integers[:] = checkpoint.integers
+        run.program.others[:] = checkpoint.others
         with _watching_for_interrupt() as interrupted:
             return run.go_on(values, progress, interrupted)
 
@@ -217,7 +221,7 @@ class Simulation:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
             raise DescriptionError(f"{system.name}: not the instances of {self.system.name}. Make a new Simulation.")
-        run = Run(system, self._slaves, self._prepared(system))
+        run = Run(system, self._slaves, self._prepared(system), check=not self.keep_going)
         if not self._fresh:
             for slave in self._slaves:
                 slave.call("fmi2Reset")
@@ -230,7 +234,7 @@ class Simulation:
             self._program = system, make_program(system, self._slaves)
         program = self._program[1]
         program.values[:] = 0.0
-        program.integers[:] = 0
+        program.others[:] = 0
         return program
 
     @staticmethod
@@ -245,9 +249,9 @@ class Simulation:
             if digest not in folders:
                 folder = Path(self._resources.enter_context(_temporary_folder()))
                 folders[digest] = folder, instance.fmu.extract(folder)
-            slave = FmuInstance(instance, *folders[digest], debug=self.debug)
+            slave = FmuInstance(number, instance, *folders[digest], debug=self.debug)
             self._slaves.append(slave)
-            slave.load(number)
+            slave.load()
 
 
 @dataclass(frozen=True)
@@ -261,7 +265,7 @@ class Checkpoint:
     point: int
     saved: Sequence[tuple[FmuInstance, Any]]
     values: NDArray[np.float64]
-    integers: NDArray[np.int32]
+    others: NDArray[np.uint64]
 
 
 def _point(system: System, time: float, *, least: int = 1) -> int:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError, suggest
 
 FORMATS = (".csv", ".parquet")
+CSV_ROWS = 50_000
+"""Rows that are turned into text at a time."""
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,28 @@ class Result:
 
     def save(self, path: str | Path) -> Path:
         """Write ``path`` as .csv (comma, quoted names, time first, shortest digits that read back the same) or .parquet
-        (units with each column, metadata with the file). Raises DescriptionError for another ending.
+        (units with each column, metadata with the file; needs pyarrow). Raises DescriptionError, as ``check_output``.
         """
         path = Path(path)
         check_output(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".csv":
+            self._write_csv(path)
+        else:
+            import_module("pyarrow.parquet").write_table(self._table(), path)
+        return path
+
+    def _write_csv(self, path: Path) -> None:
+        names = ",".join('"' + name.replace('"', '""') + '"' for name in ("time", *self.names))
+        with path.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(names + "\n")
+            for begin in range(0, self.time.size, CSV_ROWS):
+                part = slice(begin, begin + CSV_ROWS)
+                rows = np.column_stack((self.time[part], self.rows[part])).tolist()
+                file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+
+    def _table(self) -> Any:
+        """All of it as a pyarrow table."""
         arrow: Any = import_module("pyarrow")
         names: Sequence[Column] = (Column("time", "s", "Time", "s"), *self.columns)
         fields = [
@@ -123,18 +144,17 @@ class Result:
         metadata["partial"] = json.dumps(self.partial)
         metadata["solver"] = json.dumps({instance: dict(counts) for instance, counts in self.solver.items()})
         columns = [self.time, *(np.ascontiguousarray(self.rows[:, i]) for i in range(len(self.columns)))]
-        table = arrow.Table.from_arrays([arrow.array(c) for c in columns], schema=arrow.schema(fields, metadata))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".csv":
-            import_module("pyarrow.csv").write_csv(table, path)
-        else:
-            import_module("pyarrow.parquet").write_table(table, path)
-        return path
+        return arrow.Table.from_arrays([arrow.array(c) for c in columns], schema=arrow.schema(fields, metadata))
 
 
 def check_output(path: Path) -> None:
     """Raise DescriptionError unless results can be written as ``path`` says."""
     if path.suffix not in FORMATS:
         raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
+    if path.suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise DescriptionError(
+            f"{path}: to write Parquet needs pyarrow, which is not installed: install motion-cosim[parquet], "
+            "or name a .csv file."
+        )
     if path.is_dir():
         raise DescriptionError(f"{path} is a folder. Name a file.")

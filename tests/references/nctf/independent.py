@@ -9,7 +9,14 @@ papers' mm, mm/s, A and V. A command is held from the sample at which it is comp
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+try:
+    from numba import njit
+except ModuleNotFoundError:
+    # The functions are plain Python; the long runs of make_references.py want numba (extra "references").
+    def njit(**_):
+        return lambda function: function
+
 
 BALLSCREW = {
     "K_m": 0.172,

@@ -1,0 +1,107 @@
+"""``cosim info``: the variables of an FMU."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+
+from .console import fmus_argument, make_table, standard_output
+
+if TYPE_CHECKING:
+    from ..fmu.description import Fmu, Variable
+
+
+def add(commands: Any) -> None:
+    """Add ``info``."""
+    info = commands.add_parser(
+        "info",
+        help="show the variables of an FMU",
+        description="Show what an FMU offers: variables with unit, start value and bounds, and its feedthrough.",
+        epilog="Example: cosim info BallscrewStage",
+    )
+    info.add_argument("fmu", metavar="FMU", help="a name in the FMU folder, such as BallscrewStage, or an .fmu file")
+    fmus_argument(info)
+    info.set_defaults(command=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Show the variables of an FMU."""
+    from ..fmu.description import read_fmu
+    from ..fmu.places import find_fmu
+
+    fmu = read_fmu(find_fmu(options.fmu, options.fmus))
+    console = standard_output()
+    console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.text)}")
+    step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
+    stop = f", stop {fmu.stop_time:g} s" if fmu.stop_time is not None else ""
+    console.print(f"{escape(str(fmu.path))}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
+    whole = ("Variable", "Unit", "Start", "Range")
+    table = make_table("Variable", "Unit", "Start", "Range", "Description", right=("Start",), whole=whole)
+    causality = ""
+    for name, variable in _rows(fmu):
+        if variable.causality != causality:
+            causality = variable.causality
+            table.add_section()
+            table.add_row(f"[bold]{causality}[/]")
+        table.add_row(
+            escape(name),
+            escape(_units(variable)),
+            escape(_start(variable)),
+            _range(variable),
+            escape(_description(variable)),
+        )
+    console.print(table)
+    console.print("Outputs and the inputs they depend on directly:")
+    for output in fmu.outputs:
+        console.print(f"  {escape(output)}: {escape(', '.join(fmu.dependencies[output]) or 'none')}")
+    return 0
+
+
+def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:
+    """Variables with the names to show, parameters first, arrays as one line."""
+    arrays = {name: array for name, array in fmu.arrays.items() if array.shape}
+    firsts = {array.elements[0]: f"{name}[{array.span}]" for name, array in arrays.items()}
+    others = {element for array in arrays.values() for element in array.elements[1:]}
+    order = {"input": 0, "output": 1, "parameter": 2}
+    rows: list[tuple[str, Variable]] = []
+    for variable in sorted(fmu.variables.values(), key=lambda v: order.get(v.causality, 3)):
+        if variable.name in firsts:
+            rows.append((firsts[variable.name], variable))
+        elif variable.name not in others:
+            rows.append((variable.name, variable))
+    return rows
+
+
+def _description(variable: Variable) -> str:
+    """The variable's own text; its type if that is not Real, and whether it is tunable."""
+    facts: list[str] = []
+    if variable.items:
+        facts.append(", ".join(variable.items))
+    elif variable.type != "Real":
+        facts.append(variable.type)
+    if variable.causality == "parameter" and variable.variability == "tunable":
+        facts.append("tunable")
+    return f"{variable.text} ({'; '.join(facts)})" if facts else variable.text
+
+
+def _range(variable: Variable) -> str:
+    if variable.items or (variable.min is None and variable.max is None):
+        return ""
+    low, high = ("" if bound is None else f"{bound:.6g}" for bound in (variable.min, variable.max))
+    return f"{low} .. {high}".strip()
+
+
+def _units(variable: Variable) -> str:
+    shown = variable.display_unit
+    return (variable.unit or "") + (f" ({shown.name})" if shown is not None else "")
+
+
+def _start(variable: Variable) -> str:
+    for item, number in variable.items.items():
+        if number == variable.start:
+            return item
+    if isinstance(variable.start, bool):
+        return str(variable.start).lower()
+    return f"{variable.start:g}" if isinstance(variable.start, float) else str(variable.start or "")

@@ -1,0 +1,93 @@
+"""``cosim learn``: parameters learned from closed-loop runs."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .console import Bar, common_arguments, set_argument, show
+from .systems import given_values
+
+
+def add(commands: Any) -> None:
+    """Add ``learn``."""
+    learn = commands.add_parser(
+        "learn", help="learn friction pulses", description="Learn parameters from closed-loop runs."
+    ).add_subparsers(metavar="WHAT", required=True)
+    pulse = learn.add_parser(
+        "friction-pulse",
+        help="amplitude and duration over reverse acceleration",
+        description="Learn the tables of FrictionPulse, 782 runs an axis; with --monitor only if friction has changed.",
+        epilog="Example: cosim learn friction-pulse studies/feng2015/circle.toml --axis x y --output results/pulses",
+    )
+    pulse.add_argument("system", type=Path, metavar="SYSTEM")
+    pulse.add_argument("--axis", nargs="+", default=[""], metavar="NAME", help="x for trajectory_x, pulse_x ...")
+    pulse.add_argument("--output", type=Path, default=Path("results/pulses"), metavar="DIR")
+    pulse.add_argument("--base", metavar="NAME", help="the file beside it that DIR/tables.toml completes")
+    pulse.add_argument(
+        "--monitor", action="store_true", help="compare J with DIR/AXIS.json; learn anew above 1.5 times"
+    )
+    set_argument(pulse, several=True)
+    pulse.add_argument("--workers", type=int, default=1, metavar="N", help="threads (default: 1; runs are short)")
+    pulse.add_argument("--plot", type=Path, metavar="FILE", help="draw the tables")
+    common_arguments(pulse, _learn)
+
+
+def _learn(options: argparse.Namespace) -> int:
+    from ..design import pulse
+
+    values = given_values(options.values)
+    learned: dict[str, pulse.Learned] = {}
+    checks: dict[str, list[pulse.Monitored]] = {}
+    anew: list[str] = []
+    for name in options.axis:
+        file = options.output / f"{name or 'axis'}.json"
+        axis = pulse.Axis.named(name)
+        if options.monitor:
+            learned[axis.pulse] = pulse.load(file)
+            found = pulse.monitor(options.system, learned[axis.pulse], axis, overrides=values, fmus=options.fmus)
+            checks[axis.pulse] = found
+            if max(point.ratio for point in found) <= pulse.RELEARN:
+                continue
+        with Bar(f"Runs of {axis.pulse}") as bar:
+
+            def advance(stage: str, done: int, total: int, bar: Bar = bar) -> None:
+                bar.update(done, total, stage)
+
+            learned[axis.pulse] = pulse.learn_friction_pulse(
+                options.system, axis, overrides=values, workers=options.workers, fmus=options.fmus, progress=advance
+            )
+        anew.append(axis.pulse)
+        pulse.save(learned[axis.pulse], file)
+    tables = options.output / "tables.toml"
+    if anew:
+        pulse.write_start(learned, tables, base=options.base)
+    if options.plot is not None:
+        pulse.plot_learned(learned, options.plot)
+    content = {
+        name: {
+            "learned": name in anew,
+            "t_c": result.t_c.tolist(),
+            "durations": result.durations.tolist(),
+            "amplitudes": [result.tables.at(a)[0] for a in pulse.ACCELERATIONS],
+            "nominal_J": result.nominal.tolist(),
+            "monitored_ratio": [point.ratio for point in checks.get(name, [])],
+            "spread": result.spread,
+            "runs": dict(result.runs) if name in anew else {},
+            "seconds": result.seconds,
+        }
+        for name, result in learned.items()
+    }
+    rows: list[tuple[str, ...]] = [
+        ("Pulse", "acceleration [mm/s2]", "t_c [ms]", "duration [ms]", "amplitude [mm/s]", "J [um]", "J over nominal")
+    ]
+    for name, result in learned.items():
+        for i, a in enumerate(pulse.ACCELERATIONS):
+            A, T = result.tables.at(a)
+            ratio = f"{checks[name][i].ratio:.2f}" if name in checks else ""
+            cells = (1e3 * a, 1e3 * float(result.t_c[i]), 1e3 * T, 1e3 * A, 1e6 * float(result.nominal[i]))
+            rows.append((name, *(f"{value:.4g}" for value in cells), ratio))
+    kept = "nothing learned anew" if not anew else f"tables in {tables}"
+    show(options, {"pulses": content, "tables": str(tables) if anew else None}, rows, f"Friction pulses, {kept}")
+    return 0

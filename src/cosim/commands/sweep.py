@@ -1,0 +1,68 @@
+"""``cosim sweep``: a system over many start values."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..errors import CosimError
+from .console import Bar, common_arguments, show
+
+
+def add(commands: Any) -> None:
+    """Add ``sweep``."""
+    sweep = commands.add_parser(
+        "sweep",
+        help="run a system over many start values",
+        description="Run a system over a grid, list, Latin hypercube or Sobol design of start values. "
+        "The same command goes on where an interrupted sweep was.",
+        epilog="Example: cosim sweep studies/maeda2008/sweeps/gain_friction.toml --output results/gains",
+    )
+    sweep.add_argument("file", type=Path, metavar="SWEEP", help="a sweep file (.toml)")
+    sweep.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder of the data set (default: results/sweeps/NAME)"
+    )
+    sweep.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core; 0: this process)")
+    sweep.add_argument("--scheduler", metavar="ADDRESS", help="a dask scheduler, such as tcp://host:8786")
+    sweep.add_argument("--restart", action="store_true", help="delete the runs that are there and start anew")
+    common_arguments(sweep, _sweep)
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from ..design import sweep as sweeps
+
+    plan = sweeps.read_sweep(options.file, fmus=options.fmus)
+    with Bar("Runs") as bar:
+
+        def advance(progress: sweeps.Progress) -> None:
+            bar.update(progress.done, progress.total, f"{progress.failed} failed" if progress.failed else "")
+
+        try:
+            outcome = sweeps.sweep(
+                plan,
+                options.output,
+                workers=options.workers,
+                scheduler=options.scheduler,
+                restart=options.restart,
+                progress=advance,
+            )
+        except OSError as error:
+            raise CosimError(
+                f"the data set cannot be written: {error}. What was written is kept; the same command goes on."
+            ) from None
+    page = sweeps.report(outcome.folder)
+    content: dict[str, Any] = {
+        "data": str(outcome.folder / "runs"),
+        "report": str(page),
+        "runs": outcome.runs,
+        "new": outcome.new,
+        "failed": outcome.failed,
+        "elapsed_seconds": outcome.elapsed,
+        "run_seconds": outcome.run_seconds,
+        "workers": outcome.workers,
+    }
+    rows = [("Runs", f"{outcome.runs}"), ("of these now", f"{outcome.new}"), ("failed", f"{outcome.failed}")]
+    rows += [("Elapsed", f"{outcome.elapsed:.3g} s"), ("Data set", content["data"]), ("Report", content["report"])]
+    show(options, content, [("Sweep", ""), *rows], plan.description or plan.name)
+    return 0

@@ -1,0 +1,53 @@
+"""``cosim tune``: parameters of a system by optimization."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from .console import Bar, common_arguments, show
+
+
+def add(commands: Any) -> None:
+    """Add ``tune``."""
+    tune = commands.add_parser(
+        "tune",
+        help="optimize parameters of a system",
+        description="Look for the parameters with the least objective that keep all limits.",
+        epilog="Example: cosim tune studies/maeda2008/tunings/step_1mm.toml --start tuned.toml --base step.toml",
+    )
+    tune.add_argument("file", type=Path, metavar="TUNING", help="a tuning file (.toml)")
+    tune.add_argument("--workers", type=int, default=2, metavar="N", help="threads (default: 2)")
+    tune.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the values found")
+    tune.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
+    common_arguments(tune, _tune)
+
+
+def _tune(options: argparse.Namespace) -> int:
+    from ..design.tune import Trial, read_tuning, tune, write_start
+
+    tuning = read_tuning(options.file, fmus=options.fmus)
+    with Bar("Runs") as bar:
+
+        def advance(done: int, best: Trial | None) -> None:
+            value = math.nan if best is None else best.figures.get(tuning.objective, math.nan)
+            bar.update(done, None, f"best {tuning.objective} {value:.4g}")
+
+        tuned = tune(tuning, workers=options.workers, progress=advance)
+    if options.start is not None:
+        write_start(tuned, options.start, base=options.base)
+    content = {
+        "parameters": dict(tuned.parameters),
+        "figures": dict(tuned.best.figures),
+        "feasible": tuned.feasible,
+        "excess": tuned.best.excess,
+        "runs": len(tuned.trials),
+        "generations": tuned.generations,
+        "message": tuned.message,
+    }
+    rows = [(name, f"{value:.6g}") for name, value in {**tuned.parameters, **tuned.best.figures}.items()]
+    kept = "all limits kept" if tuned.feasible else f"limits NOT kept, excess {tuned.best.excess:.3g}"
+    show(options, content, [("", "Best"), *rows], f"{options.file}: {len(tuned.trials)} runs, {kept}")
+    return 0
