@@ -36,16 +36,14 @@ def has_ending(path: str | Path, *endings: str) -> bool:
 def find_fmus(folder: Path | None = None) -> Path | None:
     """The folder of FMUs given by name, None if there is none.
 
-    It is ``build/fmus/native`` in or above ``folder`` or the working directory; else that of the checkout which is
-    installed; else the FMUs that come with the package.
+    It is ``build/fmus/native`` in or above ``folder`` or the working directory; else the FMUs that come with the
+    package; else those built in the checkout from which the package is installed.
     """
     for start in ([] if folder is None else [folder.resolve()]) + [Path.cwd()]:
         for place in (start, *start.parents):
             if (place / FMU_FOLDER).is_dir():
                 return place / FMU_FOLDER
-    if (CHECKOUT / FMU_FOLDER).is_dir():
-        return CHECKOUT / FMU_FOLDER
-    return PREBUILT if PREBUILT.is_dir() else None
+    return next((place for place in (PREBUILT, CHECKOUT / FMU_FOLDER) if place.is_dir()), None)
 
 
 def fmus_in(folder: Path) -> dict[str, Path]:
