@@ -58,17 +58,14 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _resting(system: System) -> list[str]:
-    """The unconnected inputs that no note of the system names, a line an instance."""
-    from ..system.samples import unconnected
+    """The unconnected inputs for which no start value is given, a line an instance."""
+    from ..system.unconnected import unconnected_inputs
 
-    fed: dict[str, list[str]] = {}
-    for path, value in unconnected(system.instances, system.connections).items():
-        instance, _, name = path.partition(".")
-        given = name in system.instance(instance).start
-        named = any(note.startswith(f"instances.{instance}: input '{name}'") for note in system.notes)
-        if not given and not named:
-            fed.setdefault(instance, []).append(f"{name} = {value}")
-    return [f"instances.{name}: unconnected inputs stay at {', '.join(values)}." for name, values in fed.items()]
+    resting: dict[str, list[str]] = {}
+    for (instance, name), value in unconnected_inputs(system).items():
+        if name not in system.instance(instance).start:
+            resting.setdefault(instance, []).append(f"{name} = {value}")
+    return [f"instances.{name}: unconnected inputs stay at {', '.join(values)}." for name, values in resting.items()]
 
 
 def _starts(instance: Instance) -> dict[str, str]:

@@ -15,7 +15,7 @@ from .instances import Places, read_instances
 from .order import visits
 from .parts import Connection, Instance, Order, system_digest
 from .record import read_record
-from .samples import check_steps, note_unconnected
+from .samples import check_steps
 
 
 class SystemFields(TypedDict):
@@ -62,7 +62,6 @@ def checked_fields(
     evaluated = tuple(instances)
     if not findings.problems:
         evaluated = visits(instances, connections, experiment.order, findings)
-        note_unconnected(instances, connections, findings)
     if findings.problems:
         raise DescriptionError(list(dict.fromkeys(findings.problems)))
     start, stop, step = experiment.start_time, experiment.stop_time, experiment.step_size

@@ -212,11 +212,13 @@ def _remedy(
     factors: tuple[float, float] | None,
 ) -> str:
     """What to write in a connection so that it converts."""
-    unknown = [name for name, meaning in zip((unit, other), known, strict=True) if meaning is None]
     source, target = (".".join(end) for end in (connection.source, connection.target))
-    if factors is None:
-        numbers = f"factor = ... ({other} per {unit})"
-    else:
-        numbers = f"factor = {factors[0]:.12g}" + (f", offset = {factors[1]:.12g}" if factors[1] else "")
+    if factors is not None:
+        numbers = f"factor = {factors[0]!r}" + (f", offset = {factors[1]!r}" if factors[1] else "")
+        shorter = ' Or write units = "convert" in place of numbers.'
+        return f'To convert, write {{ from = "{source}", to = "{target}", {numbers} }}.{shorter}'
+    unknown = [name for name, meaning in zip((unit, other), known, strict=True) if meaning is None]
     said = f"Nothing says what {' and '.join(unknown)} is. " if unknown else ""
+    names = (unit, other) if unit != other else (str(known[0]), str(known[1]))
+    numbers = f"factor = ... ({names[1]} per {names[0]})"
     return f'{said}To convert, write {{ from = "{source}", to = "{target}", {numbers} }}.'
