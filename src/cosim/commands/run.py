@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 MAX_SHOWN_MESSAGES = 20
 MAX_SHOWN_NAMES = 5
+TRIAL_SECONDS = 2.0
+"""How long the end of a run waits for what was found beside it about inputs that look forgotten."""
 
 
 def add(commands: Any) -> None:
@@ -53,27 +56,41 @@ def _run(options: argparse.Namespace) -> int:
     from ..master.instance import RunError
     from ..master.run import Interrupted
     from ..master.simulation import simulate
+    from ..master.trial import Trial
+    from ..system.unconnected import fitting_outputs
 
-    if not options.json:
-        for note in system.notes:
-            print_note(f"note: {note}")
-    try:
-        with Bar("Seconds") as bar:
-            length = float(system.stop_time - system.start_time)
-            result = simulate(
-                system,
-                progress=lambda share: bar.update(share * length, length),
-                debug=options.debug,
-                keep_going=options.keep_going,
-            )
-    except RunError as error:
-        _failed(error, options)
-        return 1
-    except Interrupted as interruption:
-        print_error(f"Interrupted. {_kept(interruption.result, options)}")
-        _finish(interruption.result, options, begun, system.notes)
-        return 130
-    return _finish(result, options, begun, system.notes)
+    notes = list(system.notes)
+    with contextlib.ExitStack() as resources:
+        trial = resources.enter_context(Trial(system)) if fitting_outputs(system) else None
+        if not options.json:
+            _show_notes(notes)
+        try:
+            with Bar("Seconds") as bar:
+                length = float(system.stop_time - system.start_time)
+                result = simulate(
+                    system,
+                    progress=lambda share: bar.update(share * length, length),
+                    debug=options.debug,
+                    keep_going=options.keep_going,
+                )
+        except RunError as error:
+            _failed(error, options)
+            return 1
+        except Interrupted as interruption:
+            print_error(f"Interrupted. {_kept(interruption.result, options)}")
+            _finish(interruption.result, options, begun, notes)
+            return 130
+        if trial is not None:
+            found = trial.findings(seconds=TRIAL_SECONDS).notes
+            notes += found
+            if not options.json:
+                _show_notes(found)
+    return _finish(result, options, begun, notes)
+
+
+def _show_notes(notes: Sequence[str]) -> None:
+    for note in notes:
+        print_note(f"note: {note}")
 
 
 def _failed(error: RunError, options: argparse.Namespace) -> None:

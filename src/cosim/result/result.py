@@ -115,7 +115,7 @@ class Result:
         path = Path(path)
         check_output(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".csv":
+        if path.suffix.lower() == ".csv":
             self._write_csv(path)
         else:
             import_module("pyarrow.parquet").write_table(self._table(), path)
@@ -149,9 +149,9 @@ class Result:
 
 def check_output(path: Path) -> None:
     """Raise DescriptionError unless results can be written as ``path`` says."""
-    if path.suffix not in FORMATS:
+    if path.suffix.lower() not in FORMATS:
         raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
-    if path.suffix == ".parquet" and find_spec("pyarrow") is None:
+    if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
         raise DescriptionError(
             f"{path}: to write Parquet needs pyarrow, which is not installed: install motion-cosim[parquet], "
             "or name a .csv file."
