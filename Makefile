@@ -1,45 +1,46 @@
-# Everything here works on a fresh machine with Python (3.11 or later) and make; nothing is installed outside .venv.
-PYTHON ?= python3
+# Everything here works on a machine with Python (3.11 or later) and make; nothing is installed outside .venv.
+# Another Python than python3: make PYTHON=python3.12 demo
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALLED := $(VENV)/installed
+export PYTHON CONSTRAINTS
 
-.PHONY: demo test lint fmus wheel study bench conformance platforms clean
+.PHONY: demo test lint fmus wheel study bench conformance platforms lowest constraints clean build-tools test-tools lint-tools
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
 
-test: $(INSTALLED)
+test: test-tools
 	$(BIN)/python -m pytest
 
-lint: $(INSTALLED)
+lint: lint-tools
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
+	$(BIN)/pyright --project tests/pyrightconfig.json
 
-fmus: $(INSTALLED)
+fmus: build-tools
 	$(BIN)/python build_fmus.py
 
 # wheel with the FMUs of all platforms, and sdist; the first compilation for Windows takes minutes
-wheel: $(INSTALLED)
+wheel: build-tools
 	$(BIN)/python build_fmus.py --platform all --output build/fmus/release
 	$(BIN)/hatchling build --directory build/dist
 
-study: fmus
+study: test-tools fmus
 	for name in $(notdir $(wildcard studies/*)); do \
 		$(BIN)/cosim study $$name --output build/studies/$$name || exit 1; done
 
-bench: fmus
-	$(BIN)/python -m pip install --quiet --editable ".[bench]"
+bench: test-tools fmus
+	sh .ci/venv bench
 	for script in $(filter-out benchmarks/peers.py benchmarks/same_results.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
 
 # other importers, in venvs of their own; writes docs/importers.md (ecospy needs libtbb.so.12, Debian's libtbb12).
 # Programs built elsewhere: make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH"
-conformance: $(INSTALLED)
+conformance: test-tools
 	$(BIN)/python build_fmus.py --flavour both
 	$(BIN)/python build_fmus.py --fmi 3
 	for name in importers importers-cofmupy; do \
-		test -x build/$$name/bin/python || $(PYTHON) -m venv build/$$name || exit 1; \
+		test -x build/$$name/bin/pip || $(BIN)/python -m venv build/$$name || exit 1; \
 		grep -v '^#' tests/importers/requirements$${name#importers}.txt | \
 			xargs -n 1 build/$$name/bin/python -m pip install --quiet || \
 			echo "Not every importer could be installed; the page says which."; \
@@ -49,15 +50,28 @@ conformance: $(INSTALLED)
 	$(BIN)/python -m pytest tests/importers/follow.py
 
 # win64 under wine, aarch64-linux under qemu (Debian: wine, qemu-user, libc6-arm64-cross)
-platforms: $(INSTALLED)
-	$(BIN)/python -m pytest tests/importers/platforms.py tests/importers/binaries.py -rs
+platforms: test-tools
+	$(BIN)/python -m pytest tests/importers/platforms.py tests/importers/binaries.py
+
+# the oldest releases that pyproject.toml allows, in a venv of their own, under the core tests
+lowest: build-tools
+	$(BIN)/python .ci/lowest
+
+# what CI installs: the newest releases that pyproject.toml allows today, from a venv of their own
+constraints: build-tools
+	rm -rf build/constraints
+	$(BIN)/python -m venv build/constraints
+	build/constraints/bin/python -m pip install --quiet --editable ".[build,importers,test,lint]"
+	echo "# Written by make constraints: what CI installs." > constraints.txt
+	build/constraints/bin/python -m pip freeze --exclude-editable >> constraints.txt
 
 clean:
 	rm -rf build .pytest_cache .ruff_cache .hypothesis
 
-# reinstalled only when pyproject.toml changes
-$(INSTALLED): pyproject.toml
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[build,importers,test]"
-	touch $(INSTALLED)
+# what make demo needs, and what the tests need beside it
+build-tools:
+	@sh .ci/venv build
+test-tools:
+	@sh .ci/venv build importers test
+lint-tools:
+	@sh .ci/venv build importers test lint

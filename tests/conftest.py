@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,11 @@ import pytest
 from cosim.export.compile import host_platform
 from cosim.export.loop_library import FOLDER, compile_loop
 from cosim.export.workspace import Flavour, Workspace
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # Background jobs of a shell without job control start so, as under nohup. Then no child process of a test could be
+    # interrupted, either.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.model import Controller, Plant, fill
+from cosim.model import Controller, Plant, unflatten
 from fmus.controllers.disturbance_observer import DisturbanceObserver
 from fmus.controllers.p_pi import PPi
 from fmus.controllers.super_twisting import SuperTwisting
@@ -30,7 +30,7 @@ def rk4(plant: Plant, t: float, x: Any, u: Any, *, step: float, parts: int = 1) 
     h = step / parts
 
     def moved(rate: Any, factor: float) -> Any:
-        return type(x)(**fill(type(x), (a + factor * b for a, b in zip(x, rate, strict=True))))
+        return type(x)(**unflatten(type(x), (a + factor * b for a, b in zip(x, rate, strict=True))))
 
     for j in range(parts):
         s = t + j * h
@@ -39,7 +39,7 @@ def rk4(plant: Plant, t: float, x: Any, u: Any, *, step: float, parts: int = 1) 
         r_3 = plant.derivative(s + 0.5 * h, moved(r_2, 0.5 * h), u)
         r_4 = plant.derivative(s + h, moved(r_3, h), u)
         mean = ((a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(r_1, r_2, r_3, r_4, strict=True))
-        x = moved(type(x)(**fill(type(x), mean)), h)
+        x = moved(type(x)(**unflatten(type(x), mean)), h)
     return x
 
 

@@ -16,6 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted(path.relative_to(ROOT).as_posix() for top in ("src", "fmus") for path in (ROOT / top).rglob("*.py"))
 TRAVELLING = ("cosim.errors", "cosim.units", "cosim.model")
+BASE = (*TRAVELLING, "cosim.files")
 
 
 class Room(NamedTuple):
@@ -29,35 +30,36 @@ class Room(NamedTuple):
 ROOMS = (
     # From the bottom to the top: a room imports only rooms above it in this table, and of those only the named ones.
     Room("cosim.errors"),
+    Room("cosim.files", ["cosim.errors"]),
     Room("cosim.units", ["cosim.errors"]),
     Room("cosim.model", ["cosim.errors", "cosim.units"]),
     Room("fmus", ["cosim.model"]),
-    Room("cosim.fmu", TRAVELLING, ["fmpy.model_description", "lxml"]),
-    Room("cosim.export", [*TRAVELLING, "cosim.fmu", "fmus"], ["casadi", "jinja2", "numpy", "pythonfmu", "scipy"]),
-    Room("cosim.system", [*TRAVELLING, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
-    Room("cosim.result", TRAVELLING, ["matplotlib", "numpy", "pandas", "pyarrow"]),
+    Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml"]),
+    Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "numpy", "pythonfmu", "scipy"]),
+    Room("cosim.system", [*BASE, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
+    Room("cosim.result", BASE, ["matplotlib", "numpy", "pandas", "pyarrow"]),
     Room(
         "cosim.master",
-        [*TRAVELLING, "cosim.fmu", "cosim.system", "cosim.result"],
+        [*BASE, "cosim.fmu", "cosim.system", "cosim.result"],
         ["fmpy", "numpy"],
     ),
     Room(
         "cosim.reference",
-        [*TRAVELLING, "cosim.fmu", "cosim.export", "cosim.system", "cosim.result"],
+        [*BASE, "cosim.fmu", "cosim.export", "cosim.system", "cosim.result"],
         ["fmpy", "lxml", "matplotlib", "numpy", "PIL", "scipy"],
     ),
     Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL"]),
     Room(
         "cosim.design",
-        [*TRAVELLING, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
+        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
         ["control", "dask", "distributed", "matplotlib", "numpy", "pyarrow", "scipy"],
     ),
     Room(
         "cosim.study",
-        [*TRAVELLING, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
+        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
         ["jinja2", "markdown_it", "matplotlib", "numpy", "pydantic"],
     ),
-    Room("cosim.commands", ["cosim"], ["numpy", "rich"]),
+    Room("cosim.commands", ["cosim", "fmus"], ["numpy", "rich"]),
     Room("cosim.__init__", ["cosim"]),
     Room("cosim.__main__", ["cosim"]),
 )

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from stage_loops import traces
 
 from cosim.errors import DescriptionError
-from cosim.model import fill
+from cosim.model import unflatten
 from fmus.plant.ballscrew_stage import BallscrewStage
 
 STAGE = BallscrewStage()
@@ -250,4 +250,4 @@ def test_contradicting_parameters_are_refused(start: dict[str, float], message: 
 
 def test_states_survive_a_round_trip_through_flat_values():
     x = STAGE.initial()
-    assert State(**fill(State, iter(list(x)))) == x
+    assert State(**unflatten(State, iter(list(x)))) == x

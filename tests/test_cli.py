@@ -196,7 +196,7 @@ def test_interrupt_exits_130_and_keeps_what_was_computed(place: Path) -> None:
         [sys.executable, "-m", "cosim", "run", "two.toml", *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(place)},
     )  # fmt: skip
-    while process.poll() is None and not list(place.glob("cosim-*/binaries/*/*")):
+    while process.poll() is None and not list(place.glob("cosim-*/*/binaries/*/*")):
         pass
     while process.poll() is None:
         # The library is unpacked a moment before the run begins: until then Ctrl-C ends with nothing computed.
@@ -207,7 +207,7 @@ def test_interrupt_exits_130_and_keeps_what_was_computed(place: Path) -> None:
             break
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
-    assert "error: Interrupted. Computed up to " in err
+    assert "error: Interrupted.\nComputed up to " in err
     assert "kept in a.csv." in err
     assert "Traceback" not in err
     assert table(place / "a.csv")[1].shape[0] > 1

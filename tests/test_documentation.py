@@ -101,7 +101,7 @@ def test_pages_say_all_that_the_docstring_and_the_declaration_say(native: Path, 
 @pytest.mark.parametrize("name", COMPONENTS)
 def test_measured_differences_are_those_of_the_last_validation(native: Path, name: str) -> None:
     page = page_of(native / f"{name}.fmu")[0]
-    facts: Any = json.loads((folder(WORKSPACE.components()[name]) / MEASURED).read_text())
+    facts: Any = json.loads((folder(WORKSPACE.components()[name], name) / MEASURED).read_text())
     for experiment in facts["experiments"]:
         for signal in experiment["signals"]:
             cells = (

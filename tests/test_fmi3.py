@@ -14,6 +14,7 @@ from typing import Any
 
 import fmpy
 import fmpy.validation
+import lief
 import numpy as np
 import pytest
 from conftest import ROOT, WORKSPACE
@@ -98,11 +99,12 @@ def test_fmu_is_valid_and_complete(fmi3: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_only_fmi3_functions_are_exported(fmi3: Path, name: str, tmp_path: Path) -> None:
+def test_only_fmi3_functions_are_exported(fmi3: Path, name: str) -> None:
     with zipfile.ZipFile(fmi3 / f"{name}.fmu") as archive:
-        library = archive.extract(f"binaries/{fmpy.platform_tuple}/{name}{fmpy.sharedLibraryExtension}", tmp_path)
-    listed = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True)
-    exported = {line.split()[-1] for line in listed.stdout.splitlines()}
+        content = archive.read(f"binaries/{fmpy.platform_tuple}/{name}{fmpy.sharedLibraryExtension}")
+    library = lief.parse(content)
+    assert isinstance(library, lief.Binary)
+    exported = {function.name for function in library.exported_functions}
     prototypes = {name for name in dir(FMU3Slave) if name.startswith("fmi3")}
     prototypes |= {name for name in dir(FMU3Model) if name.startswith("fmi3")}
     assert exported == prototypes
@@ -131,7 +133,7 @@ def test_trace_is_that_of_fmi2_bitwise(native: Path, fmi3: Path, name: str) -> N
     ]
     assert len(traces[0]) == 201
     assert traces[0].dtype.names == traces[1].dtype.names
-    for signal in traces[0].dtype.names:
+    for signal in traces[0].dtype.names or ():
         assert np.array_equal(traces[0][signal], traces[1][signal]), signal
 
 
@@ -226,7 +228,8 @@ def test_event_mode_gives_the_answer_without_delay(native: Path, fmi3: Path, nam
     """In event mode outputs answer the inputs of that instant: what FMI 2.0 gives when read before the step."""
     from instances import Instance as Slave
 
-    step = float(WORKSPACE.component(name)().T_s)
+    component: Any = WORKSPACE.component(name)()
+    step = float(component.T_s)
     with Instance(fmi3 / f"{name}.fmu", events=True) as fmu, Slave(native / f"{name}.fmu") as slave:
         slave.initialize()
         rows = list(drive(fmu, 30, step))
@@ -382,7 +385,7 @@ def test_wrong_calls_are_refused_with_a_message(fmi3: Path, case: str) -> None:
     ("options", "text"),
     [
         ({"token": "wrong"}, "instantiationToken is 'wrong'"),
-        ({"events": True}, "has no event mode"),
+        ({"events": True}, "there is no event mode"),
     ],
 )
 def test_instance_that_cannot_be_is_refused(fmi3: Path, options: dict[str, Any], text: str) -> None:

@@ -27,7 +27,9 @@ def test_everything_in_the_way_is_told_at_once_and_nothing_copied(native: Path, 
     (tmp_path / "Trajectory.fmu").mkdir()
     with pytest.raises(DescriptionError) as caught:
         copy_fmus(native, tmp_path, ["Balscrew", "PPi", "Trajectory", "NctfPi"])
-    first, second, third = caught.value.problems
+    problems = caught.value.problems
+    assert len(problems) == 3
+    first, second, third = problems
     assert first == f"no FMU 'Balscrew' in {native}. Did you mean 'BallscrewStage'?"
     assert second == f"{tmp_path / 'PPi.fmu'}: is another FMU. Give --force to replace it, or another folder."
     assert third.startswith(f"{tmp_path / 'Trajectory.fmu'}: is a folder.")

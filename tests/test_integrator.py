@@ -212,6 +212,83 @@ def test_too_many_steps_can_be_continued(library: Callable[[int], ctypes.CDLL]) 
     assert run.x[:3] == pytest.approx([exp(-2.0), exp(-1.0), sin(1.0)], abs=1e-10)
 
 
+# ---- step control ----
+
+
+@pytest.mark.parametrize("z", [-0.5, -1.0, -3.0])
+@pytest.mark.parametrize(("share", "rejections"), [(0.98, 0), (1.02, 1)])
+def test_weight_of_the_error(library: Callable[[int], ctypes.CDLL], z: float, share: float, rejections: int) -> None:
+    """On x' = z x the first step of 1 s is taken up to an estimate of 1, and refused beyond.
+
+    The estimate by hand: 0.625 times the fourth difference of W^4 z ... W^8 z, W = 1/(1 - gamma z), over the tolerance
+    times the larger size of the state, 1, and its nominal value, 1. Remainders of a linear derivative are zero.
+    """
+    w = 1.0 / (1.0 - float(GAMMA) * z)
+    estimate = 0.625 * abs(w**4 * (1.0 - w) ** 4 * z)
+    run = Run(library(1), LINEAR, [1.0], [z], tolerance=estimate / (2.0 * share), max_steps=1)
+    assert run(0.0, 1.0) == (TOO_MANY_STEPS if rejections else OK)
+    assert run.memory.rejected == rejections
+
+
+def test_weight_of_the_remainders(library: Callable[[int], ctypes.CDLL]) -> None:
+    """Of x1' = x1^2, x1(0) = 1/2, the first step of 1 s, estimated by hand: the derivative at node and end enters."""
+    estimate = remainder_estimate(0.5, 1.0)
+    for share, rejections in ((0.98, 0), (1.02, 1)):
+        run = Run(library(3), BLOW_UP, [0.0, 0.5, 0.0], tolerance=estimate / share, max_steps=1)
+        run(0.0, 1.0)
+        assert run.memory.rejected == rejections
+
+
+def remainder_estimate(x: float, h: float) -> float:
+    """The error estimate of x' = x^2 for a tolerance of 1 and a nominal value of 1, by scalars."""
+    known = {name: [float(v) for v in values] for name, values in coefficients().items()}
+    gamma, node = float(GAMMA), float(NODE)
+    f, jacobian = x * x, 2.0 * x
+    w = 1.0 / (1.0 - gamma * h * jacobian)
+    linear = [w**k * h * f for k in range(9)]
+
+    def remainder(v: float) -> float:
+        return h * (x + v) ** 2 - h * f - h * jacobian * v
+
+    to_node = sum(c * value for c, value in zip(known["to_node"], linear[1:], strict=True))
+    at_node = remainder(to_node)
+    v = sum(c * value for c, value in zip(known["to_end"], linear[1:], strict=True))
+    end = v + sum(c * w ** (k + 1) * at_node for k, c in enumerate(known["node_in_stage"]))
+    at_end = remainder(end)
+    solution = v
+    for k, (one, other) in enumerate(zip(known["from_node"], known["from_end"], strict=True)):
+        solution += one * w ** (k + 1) * at_node + other * w ** (k + 1) * at_end
+    fourth = linear[4] - 4.0 * linear[5] + 6.0 * linear[6] - 4.0 * linear[7] + linear[8]
+    departure = w**2 * at_end - w**2 * at_node / node**2
+    return (0.625 * abs(fourth) + abs(departure) / 32.0) / (max(abs(x), abs(x + solution)) + 1.0)
+
+
+def test_no_growth_right_after_a_rejection(library: Callable[[int], ctypes.CDLL]) -> None:
+    """Attempts of 1 and 1/2 s meet a singular matrix, one of 1/4 s is taken: the next one is no longer."""
+    rate = 1.0 / float(GAMMA)
+    run = Run(library(3), LINEAR, [1.0, 1.0, 1.0], np.diag([rate, 2.0 * rate, 0.0]), tolerance=FIXED, max_steps=4)
+    assert run(0.0, 1.0) == TOO_MANY_STEPS
+    assert (run.memory.rejected, run.memory.steps, run.memory.time) == (2, 2, 0.5)
+
+
+@pytest.mark.parametrize(("proposal", "reached"), [(0.9, 0.5), (0.6, 0.5), (0.4, 0.4)])
+def test_the_last_two_steps_share_what_is_left(
+    library: Callable[[int], ctypes.CDLL], proposal: float, reached: float
+) -> None:
+    """A proposal of 0.9 of what is left would leave a tiny step: two halves instead."""
+    run = Run(library(1), LINEAR, [1.0], [-1.0], tolerance=FIXED, max_steps=1)
+    run.memory.step = proposal
+    assert run(0.0, 1.0) == TOO_MANY_STEPS
+    assert run.memory.time == reached
+
+
+def test_a_proposal_a_little_short_of_the_end_goes_there(library: Callable[[int], ctypes.CDLL]) -> None:
+    run = Run(library(1), LINEAR, [1.0], [-1.0], tolerance=FIXED)
+    run.memory.step = 0.9995
+    assert run(0.0, 1.0) == OK
+    assert run.memory.steps == 1
+
+
 # ---- the stiff plant ----
 
 

@@ -48,7 +48,7 @@ class Machine:
         self.seen: list[tuple[int, str] | None] = []
         """What the state said during each call."""
         self.status: dict[str, int] = {}
-        self.flags = (False, False, False)
+        self.flags: tuple[bool, bool, bool] = (False, False, False)
         """What fmi3DoStep says: event, terminate, early return."""
         self.state = np.zeros(loop.STATE_LENGTH, dtype=np.int64)
         self.record = np.zeros(0, dtype=np.uint64)
@@ -263,7 +263,8 @@ def test_every_type_there_and_back(kind: int) -> None:
 
 @pytest.mark.parametrize("kind", range(INT8, UINT64 + 1))
 def test_what_does_not_fit_an_integer_stops_the_loop(kind: int) -> None:
-    least, most = np.iinfo(TYPES[kind][1]).min, np.iinfo(TYPES[kind][1]).max
+    limits = np.iinfo(np.dtype(TYPES[kind][1]).name)
+    least, most = limits.min, limits.max
     largest = float(most) if float(most) == most else math.nextafter(float(most), 0.0)
     for value, sent in ((float(least), least), (largest, int(largest)), (least - 0.25, least)):
         machine = Machine()

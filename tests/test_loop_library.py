@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, WORKSPACE
+from fmu_files import write_probe
 
-from cosim import read_system, simulate
+from cosim import make_system, read_system, simulate
 from cosim.export.compile import TARGETS, compile_binary, host_platform
 from cosim.export.loop_library import SOURCE, compile_loop, library_names
 from cosim.master import loop
@@ -42,6 +43,29 @@ def test_both_files_name_the_same_numbers() -> None:
     plain = re.sub(r"union \{[^}]*\}", "", row)
     columns = [name.strip(" *\n") for name in re.findall(r"(\w+) ?[,;]", plain)]
     assert [getattr(loop, name.upper()) for name in columns] == list(range(loop.PROGRAM_COLUMNS))
+
+
+@pytest.mark.parametrize("order", ["sequential", "parallel"])
+def test_both_loops_agree_on_all_types_and_step_multiples(
+    order: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_probe(tmp_path)
+    document = {
+        "connections": [
+            {"from": "fast.y", "to": "slow.u", "factor": 0.3, "offset": -0.1},
+            *("slow.y -> fast.u", "fast.count -> slow.count_in", "slow.flag -> fast.flag_in"),
+        ],
+        "experiment": {"stop_time": 3.0, "step_size": 0.1, "order": order},
+        "instances": {
+            "fast": {"fmu": "Probe", "start": {"y_start": 1.0, "gain": -1.0}},
+            "slow": {"fmu": "Probe", "step_multiple": 3},
+        },
+    }
+    system = make_system(document, fmus=tmp_path)
+    compiled = simulate(system)
+    monkeypatch.setattr(loop, "compiled", lambda: None)
+    assert simulate(system).rows.tobytes() == compiled.rows.tobytes()
+    assert compiled.rows.shape[0] == 31
 
 
 @pytest.fixture

@@ -179,7 +179,7 @@ def test_derivatives_are_finite_and_right(speed: float, coulomb: float):
     z: Any = Symbol(z_symbol)
     v: Any = Symbol(speed_symbol)
     static = 1.5 * coulomb
-    value = bristle_rate(z, v, friction_level(v, coulomb, static, V_S), SIGMA_0)
+    value: Any = bristle_rate(z, v, friction_level(v, coulomb, static, V_S), SIGMA_0)
     expression: Any = value.expression
     gradient = casadi.Function(
         "gradient", [z_symbol, speed_symbol], [casadi.gradient(expression, casadi.vertcat(z_symbol, speed_symbol))]

@@ -16,7 +16,7 @@ from nctf_reference import module, reference
 from scipy.linalg import expm
 
 from cosim.errors import DescriptionError
-from cosim.model import Plant, fill, interpolate
+from cosim.model import Plant, interpolate, unflatten
 from fmus.controllers.nctf_pi import NctfPi
 from fmus.physics.nct import REFERENCE_ERROR, REFERENCE_RATE
 from fmus.plant.compliant_ballscrew import CompliantBallscrew
@@ -144,7 +144,7 @@ def held_response(plant: Plant, T_s: float) -> tuple[np.ndarray, np.ndarray]:
     tiny = 1e-6
 
     def rate(x: np.ndarray, command: float) -> np.ndarray:
-        state = plant.State(**fill(plant.State, iter(x.tolist())))
+        state = plant.State(**unflatten(plant.State, iter(x.tolist())))
         return np.array(list(plant.derivative(0.0, state, plant.Input(command=command)))) / tiny  # type: ignore[call-arg]
 
     whole = np.zeros((n + 1, n + 1))
@@ -161,7 +161,7 @@ def spectral_radius(plant: Plant, controller: NctfPi) -> float:
 
     def sample(vector: np.ndarray) -> np.ndarray:
         x, inner = vector[:n], (vector[n:] * MICRO_STEP).tolist()
-        state = kinds(**fill(kinds, iter([inner[0], 1.0, inner[1], inner[2], inner[3]])))
+        state = kinds(**unflatten(kinds, iter([inner[0], 1.0, inner[1], inner[2], inner[3]])))
         u = controller.Input(position=float(x[0]) * MICRO_STEP)
         y = controller.output(0.0, state, u)
         after = controller.update(0.0, state, u, y)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from motion_loops import Sampled, assert_follows, motor_loop
 
-from cosim.model import fill
+from cosim.model import unflatten
 from fmus.controllers.p_pi import PPi
 from fmus.physics.sampling import VelocitySource
 
@@ -100,11 +100,11 @@ def test_velocity_from_the_input():
 def test_command_is_finite_within_its_limit_and_odd(values: list[float], limit: float):
     controller = PPi(command_max=limit)
     x = controller.State(integral=values[0], started=1.0)
-    u = controller.Input(**fill(controller.Input, iter(values)))
+    u = controller.Input(**unflatten(controller.Input, iter(values)))
     y = controller.output(0.0, x, u)
     assert all(math.isfinite(value) for value in (*y, *controller.update(0.0, x, u, y)))
     assert abs(y.command) <= limit
-    opposite = controller.Input(**fill(controller.Input, (-value for value in values)))
+    opposite = controller.Input(**unflatten(controller.Input, (-value for value in values)))
     assert controller.output(0.0, controller.State(integral=-values[0], started=1.0), opposite).command == -y.command
 
 

@@ -19,8 +19,9 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 from instances import DISCARD, ERROR, OK, Instance
 
-from cosim.export.package import build_python, write_zip
+from cosim.export.package import build_python
 from cosim.export.python.python_package import resources
+from cosim.fmu.archive import write_zip
 from cosim.master.simulation import simulate
 from cosim.system.system import read_system
 
@@ -55,7 +56,7 @@ def edited(source: Path, target: Path, old: str, new: str) -> Path:
         for name, content in files.items()
     }
     assert changed != files
-    write_zip(target, changed)
+    write_zip(target, changed, "modelDescription.xml")
     return target
 
 
@@ -94,7 +95,7 @@ def test_equal_sources_give_equal_bytes(tmp_path: Path) -> None:
 
 
 def test_files_of_the_fmu_need_nothing_of_this_project() -> None:
-    for name, content in resources(WORKSPACE.component("NctfPi"), ROOT).items():
+    for name, content in resources(WORKSPACE.component("NctfPi")).items():
         absolute = re.findall(rb"^\s*(?:from|import) (?:cosim|fmus|pythonfmu|casadi|fmpy)\b.*", content, re.MULTILINE)
         assert absolute == [], name
 
@@ -326,9 +327,13 @@ def test_failed_integration_is_discarded_with_its_time(python: Path) -> None:
 def test_error_in_edited_equations_is_one_readable_line(python: Path, tmp_path: Path) -> None:
     path = edited(python / "PPi.fmu", tmp_path / "PPi.fmu", "1.0 - pole", "1.0 - pule")
     with Instance(path) as fmu:
-        fmu.initialize()
-        assert fmu.step_status(0.0, 1e-4) == ERROR
-        assert fmu.messages[-1] == "test: fmi2DoStep: PPi failed in Python: NameError: name 'pule' is not defined"
+        fmu.fmu.setupExperiment()
+        fmu.fmu.enterInitializationMode()
+        assert fmu.status("ExitInitializationMode") == ERROR
+        assert (
+            fmu.messages[-1]
+            == "test: fmi2ExitInitializationMode: PPi failed in Python: NameError: name 'pule' is not defined"
+        )
 
 
 def test_wrong_guid_gives_no_instance(python: Path) -> None:

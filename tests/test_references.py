@@ -33,7 +33,7 @@ PLANT_ROWS = 12
 
 
 def committed(name: str) -> Path:
-    return folder(WORKSPACE.components()[name])
+    return folder(WORKSPACE.components()[name], name)
 
 
 def stem(validation: Validation) -> str:
@@ -47,7 +47,7 @@ def numbers(path: Path) -> np.ndarray[Any, Any]:
 def test_every_component_has_experiments_and_all_files() -> None:
     assert sorted(EXPERIMENTS) == COMPONENTS == sorted(ICONS)
     for name in COMPONENTS:
-        found = {path.name for path in asset_files(WORKSPACE.components()[name])} - {GUIDE}
+        found = {path.name for path in asset_files(WORKSPACE.components()[name], name)} - {GUIDE}
         assert found >= {lsref.MANIFEST, lsref.EXPERIMENTS, PICTURE, ICON, MEASURED}
         described = lsref.read_experiments(committed(name) / lsref.EXPERIMENTS)
         assert [e.name for e in described] == [v.name for v in EXPERIMENTS[name]]
@@ -225,7 +225,7 @@ def test_icons_are_drawn_as_committed(tmp_path: Path) -> None:
 
 def test_what_is_measured_is_within_its_tolerance() -> None:
     for name in COMPONENTS:
-        facts = measured(WORKSPACE.components()[name])
+        facts = measured(WORKSPACE.components()[name], name)
         assert facts is not None
         for experiment in facts["experiments"]:
             assert all(s["largest_difference"] <= s["tolerance"] for s in experiment["signals"])
@@ -243,14 +243,14 @@ class Bare(Source):
 
 def test_a_component_without_references_has_no_assets() -> None:
     assert assets(Bare) == {}
-    assert measured(Path("fmus/sources/bare.py")) is None
+    assert measured(Path("fmus/sources/bare.py"), "Bare") is None
 
 
 def test_a_changed_reference_makes_the_fmu_stale(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "fmus", tmp_path / "fmus", ignore=shutil.ignore_patterns("__pycache__"))
     workspace = Workspace(tmp_path, tmp_path / "cache")
     before = {name: workspace.key(name, ("linux64",)) for name in ("Trajectory", "PPi")}
-    path = folder(workspace.components()["Trajectory"]) / "step_reference.csv"
+    path = folder(workspace.components()["Trajectory"], "Trajectory") / "step_reference.csv"
     path.write_bytes(path.read_bytes() + b"\n")
     after = {name: workspace.key(name, ("linux64",)) for name in ("Trajectory", "PPi")}
     assert after["Trajectory"] != before["Trajectory"]

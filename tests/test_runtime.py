@@ -299,13 +299,19 @@ def test_wrong_guid_gives_no_instance_and_a_message(native: Path) -> None:
     with pytest.raises(Exception, match="instantiate"):
         instance.__enter__()
     # importers that format a message must not find a conversion in it
-    assert "fmi2Instantiate: guid is '{wrong #n}', this binary has" in instance.messages[0]
+    assert "fmi2Instantiate: guid is '{wrong #n}', this FMU has" in instance.messages[0]
 
 
-def test_nothing_is_logged_when_logging_is_off(native: Path) -> None:
+def test_errors_are_logged_even_when_logging_is_off_and_nothing_else(native: Path) -> None:
     with Instance(native / f"{PLANT}.fmu", logging=False) as fmu:
-        assert fmu.step_status(0.0, 1e-4) == ERROR
+        assert fmu.set_status("m", -1.0) == DISCARD
         assert fmu.messages == []
+        assert fmu.step_status(0.0, 1e-4) == ERROR
+        assert len(fmu.messages) == 1
+        fmu.fmu.reset()
+        fmu.initialize()
+        fmu.step(0.0, 1e-4)
+        assert len(fmu.messages) == 1
 
 
 def test_only_chosen_categories_are_logged(native: Path) -> None:

@@ -10,24 +10,31 @@ on first use: components and their export need nothing of what runs FMUs.
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import design
-    from .errors import CosimError, DescriptionError, SimulationError, TraceError
+    from .errors import CosimError, DescriptionError, FileError, SimulationError, TraceError
     from .master.instance import CallError, RunError
+    from .master.isolation import ProcessError
     from .master.run import Interrupted, SignalError
     from .master.simulation import Simulation, simulate
     from .result import metrics, plots
     from .result.result import Result
     from .system.system import System, make_system, read_system
 
+# The library prints nothing: without a handler of the program, Python would print warnings.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
+
 __all__ = [
     "CallError",
     "CosimError",
     "DescriptionError",
+    "FileError",
     "Interrupted",
+    "ProcessError",
     "Result",
     "RunError",
     "SignalError",
@@ -44,8 +51,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "errors": ("CosimError", "DescriptionError", "SimulationError", "TraceError"),
+    "errors": ("CosimError", "DescriptionError", "FileError", "SimulationError", "TraceError"),
     "master.instance": ("CallError", "RunError"),
+    "master.isolation": ("ProcessError",),
     "master.run": ("Interrupted", "SignalError"),
     "master.simulation": ("Simulation", "simulate"),
     "result.result": ("Result",),

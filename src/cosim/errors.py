@@ -29,6 +29,10 @@ class SimulationError(CosimError):
     """An FMI call failed during a run. Exit code 1; results computed before are kept."""
 
 
+class FileError(CosimError):
+    """A file or folder cannot be written. Exit code 1; a file that was there before is as it was."""
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """`` Did you mean 'x'?`` for the known name nearest to ``name``, else all of a short list, else ``""``."""
     names = sorted(known)

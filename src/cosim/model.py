@@ -30,8 +30,8 @@ records, its equations pure methods. Everything else (FMUs, XML, documentation) 
             return self.Output(position=x.position)
 
 The methods run on plain numbers (the reference) and on symbols (the export), so on values they use only
-arithmetic, comparisons and the functions of this module: ``where`` for ``if``, ``both`` for ``and``, ``clip``
-for ``min`` and ``max``. Parameters that are ``bool`` or a ``Choice`` are known when the equations are traced
+arithmetic, comparisons and the functions of this module (``FUNCTIONS``): ``where`` for ``if``, ``both`` for ``and``,
+``clip`` for ``min`` and ``max``. Parameters that are ``bool`` or a ``Choice`` are known when the equations are traced
 (every combination is traced), so a plain ``if self.integral_surface:`` is right for them.
 
 This module needs the standard library only: it travels inside Python FMUs.
@@ -52,11 +52,34 @@ Variability = Literal["fixed", "tunable"]
 
 
 class Choice(Enum):
-    """An enumeration parameter: ``name = number, "text"`` a member, numbers from 1."""
+    """An enumeration parameter: ``name = number, "text"`` a member.
 
-    def __init__(self, number: int, text: str) -> None:
+    Numbers are those of FMI: whole, of 32 bits, each used once, in any order. Raises DescriptionError for others.
+    """
+
+    def __init__(self, number: int, text: str = "") -> None:
         self.number = number
         self.text = text
+        member = f"{type(self).__name__}.{self.name}"
+        if type(cast(object, number)) is not int or not -(2**31) <= number < 2**31:
+            raise DescriptionError(
+                f"{member}: {number!r} is no whole number of 32 bits. Write {self.name} = 1, 'What it means'."
+            )
+        if not isinstance(cast(object, text), str) or not text.strip():
+            raise DescriptionError(f"{member} has no text. Write {self.name} = {number}, 'What it means'.")
+
+    def __init_subclass__(cls) -> None:
+        first: dict[int, str] = {}
+        problems: list[str] = []
+        for name, member in cls.__members__.items():
+            if member.number in first:
+                problems.append(
+                    f"{cls.__name__}.{name} has the number {member.number} of {first[member.number]}. Give each member "
+                    "a number of its own."
+                )
+            first.setdefault(member.number, name)
+        if problems:
+            raise DescriptionError(problems)
 
 
 @dataclass(frozen=True)
@@ -197,7 +220,7 @@ class Record:
                 yield value
 
 
-def fill(owner: type[Any], values: Iterator[Any]) -> dict[str, Any]:
+def unflatten(owner: type[Any], values: Iterator[Any]) -> dict[str, Any]:
     """Keyword arguments for ``owner`` taken from flat ``values``, arrays gathered; the inverse of iterating."""
     arguments: dict[str, Any] = {}
     for declaration in declarations(owner):
@@ -208,7 +231,7 @@ def fill(owner: type[Any], values: Iterator[Any]) -> dict[str, Any]:
     return arguments
 
 
-class Nothing(Record):
+class Empty(Record):
     """A record without members."""
 
 
@@ -235,9 +258,9 @@ class Component:
     Creating one checks its parameters and raises DescriptionError with every value out of bounds.
     """
 
-    State: ClassVar[type[Record]] = Nothing
-    Input: ClassVar[type[Record]] = Nothing
-    Output: ClassVar[type[Record]] = Nothing
+    State: ClassVar[type[Record]] = Empty
+    Input: ClassVar[type[Record]] = Empty
+    Output: ClassVar[type[Record]] = Empty
     experiment: ClassVar[Experiment] = Experiment(stop_time=10.0, step_size=1e-4)
 
     def __init_subclass__(cls) -> None:
@@ -332,11 +355,26 @@ def bound_problem(value: float, declaration: Declaration) -> str:
 
 # Functions of equations. On plain numbers they are those of ``math``; a symbol brings methods of the same names.
 
+FUNCTIONS = (
+    *("abs", "exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "tanh", "hypot"),
+    *("floor", "mod", "sign", "where", "both", "either", "minimum", "maximum", "clip", "round_to", "interpolate"),
+)
+"""What equations may call: ``abs`` of Python, and the functions below."""
+
 
 def _apply(function: Callable[[float], float], name: str, x: object) -> float:
     if isinstance(x, int | float):
         return function(x)
     return cast(float, getattr(x, name)())
+
+
+def _apply_two(function: Callable[[float, float], float], name: str, one: object, other: object) -> float:
+    """A function of two values; if the second alone is a symbol, its method named ``r`` + ``name`` takes the first."""
+    if isinstance(one, int | float):
+        if isinstance(other, int | float):
+            return function(one, other)
+        return cast(float, getattr(other, f"r{name}")(one))
+    return cast(float, getattr(one, name)(other))
 
 
 def exp(x: float) -> float:
@@ -364,14 +402,49 @@ def cos(x: float) -> float:
     return _apply(math.cos, "cos", x)
 
 
+def tan(x: float) -> float:
+    """Tangent of an angle in rad."""
+    return _apply(math.tan, "tan", x)
+
+
+def asin(x: float) -> float:
+    """Angle of -pi/2 ... pi/2 rad with the sine ``x``; its derivative is infinite at -1 and 1."""
+    return _apply(math.asin, "asin", x)
+
+
+def acos(x: float) -> float:
+    """Angle of 0 ... pi rad with the cosine ``x``; its derivative is infinite at -1 and 1."""
+    return _apply(math.acos, "acos", x)
+
+
+def atan(x: float) -> float:
+    """Angle of -pi/2 ... pi/2 rad with the tangent ``x``."""
+    return _apply(math.atan, "atan", x)
+
+
+def atan2(y: float, x: float) -> float:
+    """Angle of the vector (x, y) in rad, -pi ... pi; 0 for (0, 0), where its derivatives are finite."""
+    return _apply_two(lambda y, x: math.atan2(y, x) if y or x else 0.0, "atan2", y, x)
+
+
 def tanh(x: float) -> float:
     """Hyperbolic tangent."""
     return _apply(math.tanh, "tanh", x)
 
 
+def hypot(x: float, y: float) -> float:
+    """Length of the vector (x, y), without overflow; its derivatives are 0 at (0, 0)."""
+    return _apply_two(math.hypot, "hypot", x, y)
+
+
 def floor(x: float) -> float:
     """Largest whole number not above x, as a float."""
     return _apply(lambda value: float(math.floor(value)), "floor", x)
+
+
+def mod(x: float, y: float) -> float:
+    """``x - y*floor(x/y)`` without rounding errors of the quotient: the remainder with the sign of ``y``."""
+    return _apply_two(lambda x, y: float(x) % float(y), "mod", x, y)
 
 
 def sign(x: float) -> float:

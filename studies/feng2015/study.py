@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.result import metrics, plots
 from cosim.result.metrics import Array
@@ -50,7 +51,7 @@ def monitored(axis: str, acceleration: float) -> float:
     )
 
 
-def turns(reference: Array) -> Array:
+def turns(reference: Array) -> NDArray[np.intp]:
     """Samples whose increment is the first one back."""
     moves = np.sign(np.diff(reference))
     return np.flatnonzero(moves[1:] * moves[:-1] < 0.0) + 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
 
@@ -127,8 +127,8 @@ def table(kind: str, column: str, keys: tuple[str, ...] = tuple(SINES)) -> dict[
 def difference(name: str, one: str, other: str, factor: float) -> Measure:
     def measure(outcomes: Outcomes) -> Numbers:
         first, second = (steps(name, kind, factor)(outcomes) for kind in (one, other))
-        assert not isinstance(first, float)
-        assert not isinstance(second, float)
+        assert isinstance(first, Mapping)
+        assert isinstance(second, Mapping)
         return {label: value - second[label] for label, value in first.items()}
 
     return measure

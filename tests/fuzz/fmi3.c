@@ -12,8 +12,9 @@ static fmi3Status serialize(fmi3Instance c, fmi3FMUState saved) {
     fmi3Status status = fmi3SerializedFMUStateSize(c, saved, &size);
     fmi3Byte *bytes = malloc(size + 1);
     if (status == fmi3OK) status = fmi3SerializeFMUState(c, saved, bytes, size);
-    if (status == fmi3OK && pick(3) == 0) bytes[pick(30)] ^= 1;
+    if (status == fmi3OK && pick(4)) spoil(bytes);
     if (status == fmi3OK) status = fmi3DeserializeFMUState(c, bytes, size, &copy);
+    if (status == fmi3OK) status = fmi3SetFMUState(c, copy);
     free(copy);
     free(bytes);
     return status;

@@ -103,7 +103,9 @@ def test_windows(release: Release) -> None:
         assert exported is not None, name
         assert {entry.name for entry in exported.entries} == release.functions, name
         foreign = [
-            i.name for i in library.imports if not re.fullmatch(r"api-ms-win-crt-[\w-]+\.dll|KERNEL32\.dll", i.name)
+            i.name
+            for i in library.imports
+            if not re.fullmatch(r"api-ms-win-crt-[\w-]+\.dll|KERNEL32\.dll", str(i.name))
         ]
         assert foreign == [], name
 

@@ -174,7 +174,7 @@ def fmpy_container(job: Job) -> Rows:
     description.initialUnknowns = [Unknown(variable=v) for v in outputs]
 
     def connect(source: str, output: str, target: str, name: str) -> Any:
-        start = copy.copy(inner[source, output])
+        start: Any = copy.copy(inner[source, output])
         start.type = {"Real": "Float64", "Integer": "Int32"}.get(start.type, start.type)
         return Connection(embedded[source], [start], embedded[target], [inner[target, name]])
 

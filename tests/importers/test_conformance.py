@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -26,10 +28,25 @@ from .conform import (
     table,
 )
 
-needs_libcosim = pytest.mark.skipif(
-    sys.platform == "darwin" or machine() not in ("x86_64", "AMD64"),
-    reason="libcosimpy has wheels for Linux and Windows on x86-64 only",
-)
+LOAD = "from libcosimpy.CosimManipulator import CosimManipulator"
+"""libcosimpy loads its library when it is first used, not when it is imported."""
+
+
+def why_not_libcosim() -> str:
+    """The reason why libcosimpy cannot run on this machine; empty if it can, or if it fails for another reason."""
+    if sys.platform == "darwin" or machine() not in ("x86_64", "AMD64"):
+        return "libcosimpy has wheels for Linux and Windows on x86-64 only"
+    command = [sys.executable, "-c", f"{LOAD}; CosimManipulator.create_override()"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    missing = re.search(r"(lib[\w.+-]+): cannot open shared object file", done.stderr)
+    if missing is None:
+        return ""
+    package = {"libatomic.so.1": "libatomic1"}.get(missing[1])
+    return f"libcosimpy needs {missing[1]} of the system" + (f": apt-get install {package}" if package else "")
+
+
+REASON = why_not_libcosim()
+needs_libcosim = pytest.mark.skipif(bool(REASON), reason=REASON)
 BREAK = {
     "fmilibrary": lambda xml: xml.replace(b'variability="fixed"', b'variability="continuous"'),
     "fmutool": lambda xml: xml.replace(b'fmiVersion="2.0"', b'fmiVersion="2.0" wrong="1"'),

@@ -1,17 +1,20 @@
 """The command line: one module a command, their errors and exit codes.
 
-Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted. Nothing heavy is imported before
-a command runs.
+Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, 130 interrupted,
+143 and 129 ended by SIGTERM and SIGHUP. Nothing heavy is imported before a command runs.
 """
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ..errors import CosimError, DescriptionError
+from ..master.signals import Ended, ending_by_exception
 from . import (
+    build,
     check,
     export,
     fmus,
@@ -27,10 +30,11 @@ from . import (
     tune,
     verify,
 )
-from .console import print_error
+from .console import log_on_standard_error, print_error
+from .surroundings import check_working_folder, explain, prepare_streams
 
 COMMANDS = (
-    *(run, check, export, info, list, fmus, study, verify),
+    *(run, check, export, info, list, fmus, study, verify, build),
     *(sweep, identify, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""
@@ -40,9 +44,22 @@ TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    prepare_streams()
     options = _parser().parse_args(arguments)
+    return exit_code(lambda: options.command(options))
+
+
+def exit_code(command: Callable[[], int]) -> int:
+    """Run a command; whatever it raises on purpose is printed and becomes an exit code."""
+    with ending_by_exception(), log_on_standard_error():
+        return _guarded(command)
+
+
+def _guarded(command: Callable[[], int]) -> int:
+    """Run a command and tell what went wrong; returns the exit code."""
     try:
-        return options.command(options)
+        check_working_folder()
+        return command()
     except DescriptionError as error:
         problems = error.problems
         if len(problems) > 1:
@@ -58,12 +75,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print_error(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interruption:
         print_error("Interrupted.")
-        return 130
+        return 128 + (interruption.number if isinstance(interruption, Ended) else signal.SIGINT)
     except BrokenPipeError:
         # Whoever read our output (head, less) has gone.
         sys.stderr.close()
+        return 1
+    except OSError as error:
+        print_error(explain(error))
         return 1
 
 
@@ -80,7 +100,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="cosim",
         description="Co-simulation of FMUs for precision motion.",
-        epilog="Exit codes: 0 done, 1 a simulation failed, 2 a description is wrong, 130 interrupted.",
+        epilog="Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, "
+        "130 interrupted, 143 and 129 ended by SIGTERM and SIGHUP.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -39,12 +40,43 @@ def standard_output() -> Console:
 
 def print_error(text: str) -> None:
     """Print an error on standard error, never folded, so that it can be searched for."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(text)}")
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(harmless(text))}")
 
 
 def print_note(text: str) -> None:
     """Print a line on standard error."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(escape(text))
+    Console(stderr=True, highlight=False, soft_wrap=True).print(escape(harmless(text)))
+
+
+_CONTROLS = {
+    number: f"\\x{number:02x}" for number in (*range(0x20), *range(0x7F, 0xA0)) if chr(number) not in "\t\n"
+} | {number: f"\\u{number:04x}" for number in (*range(0x202A, 0x202F), *range(0x2066, 0x206A))}
+"""Characters that move the cursor, change colours or titles of a terminal, or turn the direction of writing."""
+
+
+def harmless(text: str) -> str:
+    """``text`` from a file or an FMU, with characters that control a terminal made visible."""
+    return text.translate(_CONTROLS)
+
+
+class _Notes(logging.Handler):
+    """Prints what the library logs, except messages of FMUs, which the commands show with the result."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.name != "cosim.fmu":
+            print_note(f"{record.levelname.lower()}: {record.getMessage()}")
+
+
+@contextmanager
+def log_on_standard_error() -> Generator[None]:
+    """Show warnings of the library on standard error."""
+    handler = _Notes(logging.WARNING)
+    logger = logging.getLogger("cosim")
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
 
 
 def print_json(content: Any) -> None:

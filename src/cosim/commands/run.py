@@ -5,24 +5,35 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
+from ..errors import CosimError, DescriptionError
 from .console import Bar, make_table, print_error, print_json, print_note, standard_output
 from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
-    from ..master.instance import RunError
-    from ..result.result import Result
+    import numpy as np
+    from numpy.typing import NDArray
 
+    from ..master.instance import RunError
+    from ..result.record import RecordWriter
+    from ..result.result import Result
+    from ..system.system import System
+
+MOST_BYTES = 2**28
+"""Rows of a run that stay in memory: longer records go to the file as they come, figures are of every n-th row then."""
 MAX_SHOWN_MESSAGES = 20
+MAX_SHOWN_TEXT = 1000
 MAX_SHOWN_NAMES = 5
 TRIAL_SECONDS = 2.0
 """How long the end of a run waits for what was found beside it about inputs that look forgotten."""
+_GRAVITY = {"OK": 0, "Warning": 1, "Discard": 2}
+"""How bad the status of a message is; all others are worse."""
 
 
 def add(commands: Any) -> None:
@@ -31,15 +42,23 @@ def add(commands: Any) -> None:
         "run",
         help="run a system, or an FMU alone",
         description="Run a system and show what came out. An FMU runs alone, over the times that its file suggests.",
-        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.parquet, or "
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.csv, or "
         "cosim run Trajectory --set kind=quintic --plot move.png",
     )
     system_arguments(run)
-    run.add_argument("--output", type=Path, metavar="FILE", help="write the record as .csv or .parquet")
+    run.add_argument(
+        "--output", type=Path, metavar="FILE", help="write the record as .csv, or as .parquet with the extra parquet"
+    )
     run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
     run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
     run.add_argument(
         "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
+    )
+    run.add_argument("--timeout", metavar="SECONDS", help="end the run if a call of an FMU takes longer, such as 30")
+    run.add_argument(
+        "--in-process",
+        action="store_true",
+        help="run the FMUs in this process, for a debugger: an FMU that crashes takes everything with it",
     )
     run.add_argument("--debug", action="store_true", help="show everything the FMUs log, not only what went wrong")
     run.set_defaults(command=_run)
@@ -48,87 +67,208 @@ def add(commands: Any) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Run a system and show what came out."""
     begun = time.perf_counter()
-    if options.output is not None:
-        from ..result.result import check_output
-
-        check_output(options.output)
+    _check(options)
     system = given_system(options)
     from ..master.instance import RunError
     from ..master.run import Interrupted
-    from ..master.simulation import simulate
     from ..master.trial import Trial
     from ..system.unconnected import fitting_outputs
 
     notes = list(system.notes)
     with contextlib.ExitStack() as resources:
         trial = resources.enter_context(Trial(system)) if fitting_outputs(system) else None
-        if not options.json:
-            _show_notes(notes)
+        _show_notes(notes, options)
+        record = _RecordFile(system, options.output)
         try:
             with Bar("Seconds") as bar:
-                length = float(system.stop_time - system.start_time)
-                result = simulate(
-                    system,
-                    progress=lambda share: bar.update(share * length, length),
-                    debug=options.debug,
-                    keep_going=options.keep_going,
-                )
+                result = _simulate(system, options, bar, record)
         except RunError as error:
-            _failed(error, options)
-            return 1
+            return _failed(error, options, record)
         except Interrupted as interruption:
-            print_error(f"Interrupted. {_kept(interruption.result, options)}")
-            _finish(interruption.result, options, begun, notes)
-            return 130
+            _finish(interruption.result, options, record, begun, notes, interrupted=True)
+            return 128 + interruption.number
+        finally:
+            record.discard()
         if trial is not None:
             found = trial.findings(seconds=TRIAL_SECONDS).notes
+            _show_notes(found, options)
             notes += found
-            if not options.json:
-                _show_notes(found)
-    return _finish(result, options, begun, notes)
+        return _finish(result, options, record, begun, notes)
 
 
-def _show_notes(notes: Sequence[str]) -> None:
-    for note in notes:
-        print_note(f"note: {note}")
+def _show_notes(notes: Sequence[str], options: argparse.Namespace) -> None:
+    if not options.json:
+        for note in notes:
+            print_note(f"note: {note}")
 
 
-def _failed(error: RunError, options: argparse.Namespace) -> None:
-    if error.result is not None:
-        _show_messages(error.result, but=error.message)
-    print_error(str(error))
-    if error.result is not None and error.result.time.size:
-        print_note(_kept(error.result, options))
-        _save(error.result, options)
-
-
-def _kept(result: Result, options: argparse.Namespace) -> str:
-    if not result.time.size:
-        return "Nothing had been computed."
-    rows = f"Computed up to {result.time[-1]:.9g} s ({result.time.size} rows)"
-    if options.output is None:
-        return f"{rows}; name a file with --output to keep them."
-    return f"{rows}, kept in {options.output}."
-
-
-def _save(result: Result, options: argparse.Namespace) -> None:
+def _check(options: argparse.Namespace) -> None:
+    """Raise DescriptionError for all options that cannot work, before anything runs."""
+    problems: list[str] = []
+    checks: list[tuple[Path, Callable[[Path], None]]] = []
     if options.output is not None:
-        result.save(options.output)
+        from ..result.record import check_output
+
+        checks.append((options.output, check_output))
+    if options.plot is not None:
+        from ..result.plots import check_picture
+
+        checks.append((options.plot, check_picture))
+    for path, check in checks:
+        try:
+            check(path)
+        except DescriptionError as error:
+            problems += error.problems
+    try:
+        limit = None if options.timeout is None else float(options.timeout)
+    except ValueError:
+        limit = 0.0
+    if limit is not None and not 0.0 < limit < float("inf"):
+        problems.append(f"--timeout {options.timeout}: give a positive number of seconds, such as 30.")
+    elif limit is not None and options.in_process:
+        problems.append("--timeout: only works for FMUs in a process of their own. Leave --in-process out.")
+    if problems:
+        raise DescriptionError(problems)
+    options.timeout = limit
+
+
+def _simulate(system: System, options: argparse.Namespace, bar: Bar, record: _RecordFile) -> Result:
+    length = float(system.stop_time - system.start_time)
+
+    def progress(share: float) -> None:
+        bar.update(share * length, length)
+
+    if options.in_process:
+        from ..master.simulation import simulate
+
+        return simulate(system, progress=progress, debug=options.debug, keep_going=options.keep_going)
+    from ..master.isolation import simulate_isolated
+
+    return simulate_isolated(
+        system,
+        progress=progress,
+        debug=options.debug,
+        keep_going=options.keep_going,
+        timeout=options.timeout,
+        sink=record,
+        most_bytes=MOST_BYTES,
+    )
+
+
+class _RecordFile:
+    """The file of ``--output``, if there is one: written at the end, or as rows come if they are too many."""
+
+    def __init__(self, system: System, path: Path | None) -> None:
+        self._system = system
+        self._path = path
+        self._writer: RecordWriter | None = None
+        self._rows = 0
+
+    def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+        """Take rows while the run goes on."""
+        self._rows += len(rows)
+        if self._path is None:
+            return
+        if self._writer is None:
+            from ..master.run import result_columns, system_metadata
+            from ..result.record import RecordWriter
+
+            self._writer = RecordWriter(self._path, result_columns(self._system), system_metadata(self._system))
+        self._writer.write(times, rows)
+
+    def thinned(self, result: Result) -> int:
+        """Of how many rows the result holds one; 1 if it holds all."""
+        return int(result.metadata["decimation"]) // self._system.decimation
+
+    def save(self, result: Result) -> None:
+        """Complete the file. Raises FileError."""
+        if self._writer is not None:
+            late = ("steps", "warnings", "total_seconds", "stepping_seconds")
+            solver = {instance: dict(counts) for instance, counts in result.solver.items()}
+            known = {name: result.metadata[name] for name in late}
+            writer, self._writer = self._writer, None
+            writer.finish({**known, "partial": result.partial, "solver": solver})
+        elif self._path is not None:
+            result.save(self._path)
+
+    def discard(self) -> None:
+        """Remove a file that is not complete."""
+        if self._writer is not None:
+            self._writer.discard()
+
+    def count(self, result: Result) -> int:
+        """Rows of the run, all of them."""
+        return self._rows or len(result.time)
+
+
+def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -> int:
+    """Tell of a run that failed and keep what it computed; returns the exit code."""
+    from ..master.isolation import RecordError
+
+    result = error.result
+    if result is not None:
+        _show_messages(result, but=error.message)
+    print_error(str(error))
+    if result is not None and result.time.size:
+        if isinstance(error, RecordError):
+            print_note(f"Computed up to {result.time[-1]:.9g} s.")
+        else:
+            _save(result, options, record)
+    return 1
+
+
+def _save(result: Result, options: argparse.Namespace, record: _RecordFile) -> bool:
+    """Write the files of a run; whether that went well. Tells of what was not written, and of a run that ended early.
+
+    An error in one file does not keep the other from being written.
+    """
+    well = True
+    kept = "; name a file with --output to keep them" if options.output is None else f", kept in {options.output}"
+    if options.output is not None and result.time.size:
+        try:
+            record.save(result)
+        except CosimError as error:
+            print_error(str(error))
+            well, kept = False, ""
+    if result.partial and not result.time.size:
+        print_note("Nothing had been computed.")
+    elif result.partial:
+        print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
     if options.plot is not None and result.time.size > 1:
         from ..result.plots import plot_run
 
-        plot_run(result, options.plot)
+        try:
+            plot_run(result, options.plot)
+        except CosimError as error:
+            print_error(str(error))
+            well = False
+    return well
 
 
-def _finish(result: Result, options: argparse.Namespace, begun: float, notes: Sequence[str]) -> int:
+def _finish(
+    result: Result,
+    options: argparse.Namespace,
+    record: _RecordFile,
+    begun: float,
+    notes: Sequence[str],
+    *,
+    interrupted: bool = False,
+) -> int:
     """Messages, files and the summary that end a run; the exit code, 1 if recorded values are not finite."""
     from ..result.summary import not_finite, summary
 
-    figures, wrong = summary(result), not_finite(result)
-    if wrong:
-        print_error(_not_finite(wrong))
+    bad = not_finite(result)
+    if bad:
+        print_error(_not_finite(bad))
     _show_messages(result)
-    _save(result, options)
+    if interrupted:
+        print_error("Interrupted.")
+    well = _save(result, options, record)
+    every = record.thinned(result)
+    if every > 1:
+        print_note(f"note: {record.count(result)} rows; figures and pictures are of every {every}th.")
+    figures = summary(result)
+    code = 0 if well and not bad else 1
     facts = result.metadata
     simulated = facts["steps"] * facts["step_size"]
     factor = simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
@@ -145,17 +285,17 @@ def _finish(result: Result, options: argparse.Namespace, begun: float, notes: Se
             "real_time_factor": factor,
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
+            "not_finite": bad,
             "figures": [
                 {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
                 for row in figures
             ],
-            "not_finite": wrong,
             "notes": notes,
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
         }
         print_json(content)
-        return 1 if wrong else 0
+        return code
     table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{simulated:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
@@ -174,24 +314,27 @@ def _finish(result: Result, options: argparse.Namespace, begun: float, notes: Se
     console = standard_output()
     console.print(table)
     for file in (options.output, options.plot):
-        if file is not None:
-            console.print(f"Written: {escape(str(file))}")
-    return 1 if wrong else 0
+        if file is not None and well:
+            console.print(f"Written: {escape(str(file))}", soft_wrap=True)
+    return code
 
 
 def _not_finite(wrong: Mapping[str, float]) -> str:
     """Which variables are not finite, and from when; the first ones first."""
     first = sorted(wrong.items(), key=lambda item: item[1])
-    shown = ", ".join(f"{name} from {time:g} s on" for name, time in first[:MAX_SHOWN_NAMES])
-    more = f" and {len(first) - MAX_SHOWN_NAMES} more" if len(first) > MAX_SHOWN_NAMES else ""
-    return f"not finite: {shown}{more}. No figure is computed from these."
+    shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
+    more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
+    return f"{shown}{more}. No figure is computed from these."
 
 
 def _show_messages(result: Result, but: str = "") -> None:
     """What FMUs logged, without the message ``but``, which is told elsewhere."""
     messages = [message for message in result.messages if message.text != but]
-    for message in messages[:MAX_SHOWN_MESSAGES]:
-        print_note(str(message))
-    more = len(messages) - MAX_SHOWN_MESSAGES + result.dropped_messages
+    # The worst of them first, so that many harmless ones do not hide it; then in the order of time again.
+    worst = sorted(messages, key=lambda message: _GRAVITY.get(message.status, 3), reverse=True)[:MAX_SHOWN_MESSAGES]
+    for message in sorted(worst, key=lambda message: message.time):
+        text = str(message)
+        print_note(text if len(text) <= MAX_SHOWN_TEXT else f"{text[:MAX_SHOWN_TEXT]} ... ({len(text)} characters)")
+    more = len(messages) - len(worst) + result.dropped_messages
     if more > 0:
         print_note(f"and {more} more messages")

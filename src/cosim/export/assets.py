@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from ..model import Component
-from .interface import Fmi
+from .contract import Fmi
 
 REFERENCES = "references"
 """Folder in ``fmus``."""
 EXTRA = "extra/org.fmi-standard.fmi-ls-ref"
+MANIFEST = "fmi-ls-manifest.xml"
 GUIDE = "fmi-ls-ref.txt"
 """How the references are meant, for every component."""
 PICTURE, ICON, MEASURED = "validation.png", "model.png", "validation.json"
@@ -31,32 +32,39 @@ ICONS: Mapping[Fmi, str] = {2: ICON, 3: "terminalsAndIcons/icon.png"}
 """Where FMI 2.0 and 3.0 look for the icon."""
 
 
-def folder(component: Path) -> Path:
-    """The folder of what the component in this file, ``fmus/ROOM/name.py``, carries."""
-    name = "".join(part.capitalize() for part in component.stem.split("_"))
-    return component.resolve().parents[1] / REFERENCES / name
+def folder(component: Path, name: str) -> Path:
+    """The folder of what the component ``name`` in this file, ``fmus/ROOM/name.py``, carries."""
+    return component.resolve().parent.parent / REFERENCES / name
 
 
-def asset_files(component: Path) -> list[Path]:
+def asset_files(component: Path, name: str) -> list[Path]:
     """Everything made for a component and the guide to it, in order; empty if there is nothing."""
-    place = folder(component)
+    place = folder(component, name)
     if not place.is_dir():
         return []
-    return [*sorted(path for path in place.iterdir() if path.is_file()), place.parent / GUIDE]
+    guide = place.parent / GUIDE
+    return [*sorted(path for path in place.iterdir() if path.is_file()), *([guide] if guide.is_file() else [])]
+
+
+def missing_assets(component: Path, name: str) -> list[str]:
+    """What a component lacks for a release: a component without it is a draft."""
+    held = {path.name for path in asset_files(component, name)}
+    wanted = {"icon": ICON, "validation experiments with references": MANIFEST, "validation picture": PICTURE}
+    return [text for text, file in wanted.items() if file not in held]
 
 
 def assets(kind: type[Component], fmi: Fmi = 2) -> dict[str, bytes]:
     """Member of the FMU -> content, for a component."""
     places = {**PLACES, ICON: ICONS[fmi]}
     found: dict[str, bytes] = {}
-    for path in asset_files(Path(inspect.getfile(kind))):
+    for path in asset_files(Path(inspect.getfile(kind)), kind.__name__):
         member = places.get(path.name, f"{EXTRA}/{path.name}")
         if member is not None:
             found[member] = path.read_bytes()
     return found
 
 
-def measured(component: Path) -> Mapping[str, Any] | None:
+def measured(component: Path, name: str) -> Mapping[str, Any] | None:
     """What the validation gave, None without one."""
-    path = folder(component) / MEASURED
+    path = folder(component, name) / MEASURED
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None

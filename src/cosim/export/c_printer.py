@@ -40,7 +40,8 @@ class Printer:
             for (signature, body), name in ((key.split("\0"), name) for key, name in self.known.items())
         )
 
-    def variant(self, variant: Variant, symbols: Symbols) -> tuple[str, ...]:
+    def variant(self, variant: Variant, symbols: Symbols, rules: Sequence[Any]) -> tuple[str, ...]:
+        """The names of the functions of a variant, in the order of ``FUNCTIONS``."""
         sampled = issubclass(variant.kind, Controller)
         hot = {
             "derivative": variant.derivative,
@@ -71,11 +72,17 @@ class Printer:
             rows = [together[start + i] for i in range(size)]
             names[name] = self.function(name, everything, text, rows, targets)
             start += size
-        cold = {"constants": constants, "initial": variant.initial, "rules": variant.rules}
+        cold = {"constants": constants, "initial": variant.initial, "rules": rules}
         for name, rows in cold.items():
             targets = [f"out[{i}]" for i in range(len(rows))]
             names[name] = self.function(name, symbols.all, symbols.text, rows, targets)
         return tuple(names[name] for name in FUNCTIONS)
+
+    def with_rules(self, names: Sequence[str], symbols: Symbols, rules: Sequence[Any]) -> tuple[str, ...]:
+        """The functions of a variant with other rules."""
+        targets = [f"out[{i}]" for i in range(len(rules))]
+        own = self.function("rules", symbols.all, symbols.text, rules, targets)
+        return tuple(own if kind == "rules" else name for kind, name in zip(FUNCTIONS, names, strict=True))
 
     def function(
         self, name: str, symbols: Sequence[Any], text: Sequence[str], rows: Sequence[Any], targets: Sequence[str]
@@ -101,6 +108,10 @@ _UNARY = {
     "OP_INV": "1.0/{0}",
     "OP_SIN": "sin({0})",
     "OP_COS": "cos({0})",
+    "OP_TAN": "tan({0})",
+    "OP_ASIN": "asin({0})",
+    "OP_ACOS": "acos({0})",
+    "OP_ATAN": "atan({0})",
     "OP_TANH": "tanh({0})",
     "OP_FLOOR": "floor({0})",
     "OP_FABS": "fabs({0})",
@@ -114,6 +125,9 @@ _BINARY = {
     "OP_DIV": "{0}/{1}",
     "OP_POW": "pow({0}, {1})",
     "OP_CONSTPOW": "pow({0}, {1})",
+    "OP_ATAN2": "atan2({0}, {1})",
+    "OP_HYPOT": "hypot({0}, {1})",
+    "OP_FMOD": "fmod({0}, {1})",
     "OP_FMIN": "({0} < {1} ? {0} : {1})",
     "OP_FMAX": "({0} > {1} ? {0} : {1})",
     "OP_IF_ELSE_ZERO": "({0} ? {1} : 0.0)",

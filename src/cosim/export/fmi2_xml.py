@@ -11,18 +11,13 @@ from xml.etree.ElementTree import Element, SubElement
 from ..fmu.xml import document
 from ..model import Choice, Component, Plant
 from ..units import BASE_UNITS, parse_unit
+from .contract import Fmi, categories
 from .interface import Variable, variables_of
+from .source_files import is_of_library
 from .trace import Trace
 
 GENERATION_DATE = "2026-01-01T00:00:00Z"
 """Fixed, so that equal sources give equal bytes."""
-
-LOG_CATEGORIES = (
-    ("logStatusWarning", "Messages with status fmi2Warning"),
-    ("logStatusDiscard", "Messages with status fmi2Discard: a value or a step was refused"),
-    ("logStatusError", "Messages with status fmi2Error: a call was wrong"),
-    ("logAll", "All messages"),
-)
 
 QUANTITIES = {
     "m": "Length",
@@ -64,9 +59,7 @@ def description_root(kind: type[Component], version: str, **own: str) -> Element
         own,
         modelName=kind.__name__,
         description=summary(kind),
-        version=version,
-        author="The motion-cosim authors",
-        license="MIT",
+        **({"version": version, "author": "The motion-cosim authors", "license": "MIT"} if is_of_library(kind) else {}),
         generationTool=f"motion-cosim {version}",
         generationDateAndTime=GENERATION_DATE,
         variableNamingConvention="structured",
@@ -87,7 +80,7 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
             needsExecutionTool="false",
             completedIntegratorStepNotNeeded="false" if len(trace.states) > trace.n_continuous else "true",
             canBeInstantiatedOnlyOncePerProcess="false",
-            canNotUseMemoryManagementFunctions="false",
+            canNotUseMemoryManagementFunctions="true",
             canGetAndSetFMUstate="true",
             canSerializeFMUstate="true",
             providesDirectionalDerivative="true",
@@ -102,7 +95,7 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
         maxOutputDerivativeOrder="0",
         canRunAsynchronuously="false",
         canBeInstantiatedOnlyOncePerProcess="false",
-        canNotUseMemoryManagementFunctions="false" if native else "true",
+        canNotUseMemoryManagementFunctions="true",
         canGetAndSetFMUstate="true",
         canSerializeFMUstate="true",
         providesDirectionalDerivative="true" if native else "false",
@@ -114,7 +107,7 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
                 SubElement(files, "File", name=name)
     add_units(root, variables)
     _types(root, variables)
-    add_experiment(root, kind, variables)
+    add_experiment(root, kind, variables, 2)
     listed = SubElement(root, "ModelVariables")
     for variable in variables:
         listed.append(_scalar_variable(variable))
@@ -122,11 +115,11 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
     return document(root)
 
 
-def add_experiment(root: Element, kind: type[Component], variables: Sequence[Variable]) -> None:
-    """Add LogCategories and DefaultExperiment, which are the same in FMI 2.0 and 3.0."""
-    categories = SubElement(root, "LogCategories")
-    for name, text in LOG_CATEGORIES:
-        SubElement(categories, "Category", name=name, description=text)
+def add_experiment(root: Element, kind: type[Component], variables: Sequence[Variable], fmi: Fmi) -> None:
+    """Add LogCategories and DefaultExperiment, which have the same form in FMI 2.0 and 3.0."""
+    listed = SubElement(root, "LogCategories")
+    for name, text in categories(fmi).items():
+        SubElement(listed, "Category", name=name, description=text)
     experiment = SubElement(
         root,
         "DefaultExperiment",

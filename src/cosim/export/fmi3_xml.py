@@ -61,7 +61,7 @@ def model_description3(trace: Trace, token: str, version: str) -> bytes:
         add_items(SubElement(definitions, "EnumerationType", name=choice.__name__), choice)
     if len(definitions):
         root.append(definitions)
-    add_experiment(root, kind, variables)
+    add_experiment(root, kind, variables, 3)
     listed = SubElement(root, "ModelVariables")
     for group in groups:
         listed.append(_variable(group))

@@ -6,14 +6,13 @@ Needs the declaration only, no trace: this module travels inside Python FMUs.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ..model import Choice, Component, Controller, Declaration, Plant, Record, declarations
+from ..model import Choice, Component, Controller, Declaration, Plant, Record, declarations, unflatten
 
 Role = Literal["fixed", "tunable", "input", "state", "output", "derivative", "counter", "independent"]
-Fmi = Literal[2, 3]
-"""Major version of the interface."""
 Type = Literal["Real", "Integer", "Boolean", "Enumeration"]
 
 COUNTERS = (
@@ -53,6 +52,37 @@ def ordered_states(kind: type[Component]) -> tuple[tuple[Scalar, ...], int]:
 def choice_number(value: Any) -> float:
     """The number an FMU keeps for a ``bool`` or ``Choice``."""
     return float(value.number) if isinstance(value, Choice) else float(value)
+
+
+def unchecked(kind: type[Component], values: Iterable[Any]) -> Any:
+    """The component with these scalar parameters, bounds and rules not checked: they may be symbols."""
+    component: Any = object.__new__(kind)
+    for name, value in unflatten(kind, iter(values)).items():
+        object.__setattr__(component, name, value)
+    return component
+
+
+@dataclass(frozen=True)
+class Gap:
+    """An enumeration parameter with numbers between its members that no member has, and the rule that says so."""
+
+    reference: int
+    numbers: frozenset[int]
+    text: str
+
+
+def gap_rules(kind: type[Component]) -> tuple[Gap, ...]:
+    """The rules of enumerations with gaps: bounds alone do not keep a number without a member away."""
+    found: list[Gap] = []
+    for reference, scalar in enumerate(scalars(kind)):
+        if not isinstance(scalar.start, Choice):
+            continue
+        members = sorted(type(scalar.start), key=lambda item: item.number)
+        if members[-1].number - members[0].number >= len(members):
+            listed = ", ".join(f"{item.number} ({item.name})" for item in members)
+            text = f"{scalar.name} has a number without a member. Give one of {listed}."
+            found.append(Gap(reference, frozenset(item.number for item in members), text))
+    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ..model import Controller, Plant
-from .interface import Fmi, Variable, fmi3_variables, reference_of, variables_of
+from .contract import Fmi
+from .interface import Variable, fmi3_variables, reference_of, variables_of
 from .trace import Trace
 
 _TYPES: Mapping[Fmi, Mapping[str, str]] = {
@@ -113,10 +114,10 @@ def _lengths(trace: Trace) -> str:
 
 
 def _choices(trace: Trace) -> str:
-    rows = ", ".join(f"{{{index}, {len(values)}, {int(min(values))}}}" for index, values in trace.choices)
+    rows = ", ".join(f"{{{index}, {count}, {first}}}" for index, first, count in trace.choices)
     text = f"static const struct {{ int parameter, count, first; }} choices[] = {{{rows}}};\n\n" if rows else ""
     if trace.rules:
-        texts = "".join(f'    "{rule.replace(chr(34), chr(39))}",\n' for rule in trace.rules)
+        texts = "".join(f"    {c_text(rule)},\n" for rule in trace.rules)
         text += f"static const char *const rule_texts[N_RULES] = {{\n{texts}}};\n\n"
     else:
         text += 'static const char *const rule_texts[1] = {""};\n\n'
@@ -141,3 +142,9 @@ def c_number(value: float) -> str:
     if math.isinf(value):
         return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
     return repr(float(value))
+
+
+def c_text(text: str) -> str:
+    """A text as C string literal; a second question mark in a row is escaped, or C99 might see a trigraph."""
+    special = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\t": "\\t", "\r": "\\r", "?": "\\?" if "??" in text else "?"}
+    return '"' + "".join(special.get(letter, letter) for letter in text) + '"'

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import os
 import uuid
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ..fmu.archive import write_zip
 from ..model import Component
 from .assets import assets
 from .compile import COMMON_SOURCES, RUNTIME, SOURCES, TARGETS, TUPLES, BuildError, compile_binary, host_platform
-from .interface import Fmi
+from .contract import Fmi, header
 from .python.python_package import BINARIES, PROXY, library, resources
 
 
@@ -21,7 +20,8 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     """Export ``kind`` as a native co-simulation FMU of FMI 2.0 or 3.0; returns the path of ``output/NAME.fmu``.
 
     ``platforms`` are keys of ``TARGETS``, by default this machine's. ``cache`` keeps compiled binaries.
-    Raises TraceError for equations that cannot be traced, BuildError for C that does not compile.
+    Raises DescriptionError for a wrong declaration, TraceError for equations that cannot be traced, BuildError for C
+    that does not compile or a file that cannot be written.
     """
     from .fmi2_xml import build_description, model_description
     from .fmi3_xml import model_description3
@@ -38,8 +38,8 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
         return model_description(traced, guid, version, sources=SOURCES)
 
     names = sorted((*COMMON_SOURCES, f"fmi{fmi}.c", f"fmi{fmi}.h"))
-    runtime = {name: (RUNTIME / name).read_bytes() for name in names}
-    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *runtime.values())
+    runtime = {name: (RUNTIME / name).read_bytes() for name in names} | {"contract.h": header(fmi).encode()}
+    guid = _guid(described("") + model_c(traced, "", fmi).encode(), *(runtime[name] for name in sorted(runtime)))
     sources = {"model.c": model_c(traced, guid, fmi).encode(), **runtime}
     files = {
         "modelDescription.xml": described(guid),
@@ -51,18 +51,14 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     for name in platforms or (host_platform(),):
         for folder in TUPLES[name] if fmi == 3 else (name,):
             files[f"binaries/{folder}/{kind.__name__}{TARGETS[name][1]}"] = compile_binary(sources, name, cache)
-    target = output / f"{kind.__name__}.fmu"
-    write_zip(target, files)
-    return target
+    return _written(output / f"{kind.__name__}.fmu", files)
 
 
-def build_python(
-    kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = (), root: Path | None = None
-) -> Path:
+def build_python(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = ()) -> Path:
     """Export ``kind`` as an FMI 2.0 co-simulation FMU that runs its Python methods; returns ``output/NAME.fmu``.
 
-    ``platforms`` are keys of ``python_package.BINARIES``, by default this machine's; ``root`` holds the component's
-    package ``fmus``. Raises TraceError, as dependencies come from the trace, EmbedError and BuildError.
+    ``platforms`` are keys of ``python_package.BINARIES``, by default this machine's. Raises what ``build`` raises, as
+    dependencies come from the trace, and EmbedError.
     """
     from .fmi2_xml import model_description
     from .page import documentation
@@ -71,8 +67,9 @@ def build_python(
     version = importlib.metadata.version("motion-cosim")
     traced = trace(kind)
     blank = model_description(traced, "", version, sources=(), native=False)
-    embedded = resources(kind, root or Path(__file__).parents[3])
+    embedded = resources(kind)
     proxy = {name: path.read_bytes() for name, path in (("proxy.c", PROXY), ("fmi2.h", RUNTIME / "fmi2.h"))}
+    proxy["contract.h"] = header(2).encode()
     chosen = platforms or (host_platform(),)
     libraries = {name: library(name) for name in chosen}
     parts = (blank, *(path.encode() + b"\0" + embedded[path] for path in sorted(embedded)), *proxy.values())
@@ -89,9 +86,7 @@ def build_python(
         ending = TARGETS[name][1]
         files[f"binaries/{name}/{kind.__name__}{ending}"] = compile_binary(proxy, name, cache, ("proxy.c",))
         files[f"binaries/{name}/{BINARIES[name]}"] = libraries[name]
-    target = output / f"{kind.__name__}.fmu"
-    write_zip(target, files)
-    return target
+    return _written(output / f"{kind.__name__}.fmu", files)
 
 
 def _common(kind: type[Component], fmi: Fmi) -> dict[str, bytes]:
@@ -99,10 +94,24 @@ def _common(kind: type[Component], fmi: Fmi) -> dict[str, bytes]:
     from .terminals import terminals_and_icons
 
     return {
-        "documentation/licenses/license.txt": (Path(__file__).parents[3] / "LICENSE").read_bytes(),
+        "documentation/licenses/license.txt": _own_licence(),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(kind),
         **assets(kind, fmi),
     }
+
+
+def _written(target: Path, files: Mapping[str, bytes]) -> Path:
+    try:
+        write_zip(target, files, "modelDescription.xml")
+    except OSError as error:
+        raise BuildError(f"{target}: cannot be written ({error.strerror}). Give another folder.") from error
+    return target
+
+
+def _own_licence() -> bytes:
+    """The licence of the C and Python code that an FMU carries, in a work tree or installed."""
+    here = Path(__file__).parents[3] / "LICENSE"
+    return here.read_bytes() if here.is_file() else _licence("motion-cosim")
 
 
 def _licence(distribution: str) -> bytes:
@@ -118,16 +127,3 @@ def _guid(*parts: bytes) -> str:
     for part in parts:
         digest.update(hashlib.sha256(part).digest())
     return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
-
-
-def write_zip(target: Path, files: Mapping[str, bytes]) -> None:
-    """Write a zip whose bytes depend on ``files`` only: sorted, stored, one date; replaced in one go."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_suffix(f".{os.getpid()}.part")
-    with zipfile.ZipFile(partial, "w", zipfile.ZIP_STORED) as archive:
-        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
-            entry = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))
-            entry.create_system = 3
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, files[name])
-    partial.replace(target)

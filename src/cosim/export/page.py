@@ -14,8 +14,10 @@ from typing import Any
 from ..model import Component, Controller, Plant
 from ..units import conversion
 from .assets import EXTRA, GUIDE, ICON, ICONS, PICTURE, asset_files, measured
+from .contract import Fmi
 from .fmi2_xml import summary
-from .interface import Fmi, Variable, variables_of
+from .interface import Variable, variables_of
+from .source_files import component_origin
 from .trace import Trace
 
 SIGNS = ("positive", "a positive", "sign:", "valid", "do not combine", "for a start at speed")
@@ -40,7 +42,7 @@ def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi =
     """The page: equations and source from the docstring, tables of the variables, and what the validation gave."""
     kind = trace.kind
     name, variables = kind.__name__, variables_of(trace.kind)
-    carried = {path.name for path in asset_files(Path(inspect.getfile(kind)))}
+    carried = {path.name for path in asset_files(Path(inspect.getfile(kind)), kind.__name__)}
     icon = f'<img src="../{ICONS[fmi]}" alt="Icon of {name}">' if ICON in carried else ""
     parts = [
         f"<header>{icon}<div><h1>{name}</h1><p>{_words(summary(kind))}</p></div></header>",
@@ -205,7 +207,7 @@ def _align(column: int, right: Sequence[int]) -> str:
 
 
 def _validation(kind: type[Component]) -> list[str]:
-    facts = measured(Path(inspect.getfile(kind)))
+    facts = measured(Path(inspect.getfile(kind)), kind.__name__)
     if facts is None:
         return []
     origin = (
@@ -249,7 +251,7 @@ def _footer(kind: type[Component], version: str, native: bool) -> str:
     if native:
         inside = "The C sources are in <code>sources/</code>."
     else:
-        place = kind.__module__.replace(".", "/")
+        place = component_origin(kind).module.replace(".", "/")
         inside = (
             f"The equations are in <code>resources/motion_cosim/{place}.py</code>. Runs with PythonFMU "
             '(<a href="licenses/pythonfmu.txt">licence</a>) in an importer that is a Python 3.11 or later'

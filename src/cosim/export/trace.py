@@ -8,26 +8,32 @@ when parameters change.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
 from ..errors import TraceError
 from ..model import Choice, Component
 from .c_printer import Printer
-from .interface import Scalar, choice_number, ordered_states, scalars
-from .symbol import Symbol
+from .check import check_component
+from .interface import Scalar, choice_number, gap_rules, ordered_states, scalars
+from .place import of_class
+from .symbol import Symbol, casadi
 from .variant import Symbols, Variant, depends
 
 MAX_VARIANTS = 256
+MAX_ROWS = 4096
+"""Rows of the table of variants: nine pointers each."""
 
 
 @dataclass(frozen=True)
 class Trace:
     """What the exporter knows of a component: its scalar variables, C functions and dependencies.
 
-    ``states`` has the continuous ones first. ``functions`` is C text; ``variants`` lists, for every combination
-    of discrete choices in mixed radix order, the names of its functions. Dependencies are sets of indices.
+    ``states`` has the continuous ones first. ``choices`` are index, smallest number and count of numbers of each bool
+    or Choice parameter. ``functions`` is C text; ``variants`` lists, for every combination of these numbers in mixed
+    radix order, the names of its functions. Dependencies are sets of indices.
     """
 
     kind: type[Component]
@@ -36,7 +42,7 @@ class Trace:
     states: tuple[Scalar, ...]
     outputs: tuple[Scalar, ...]
     n_continuous: int
-    choices: tuple[tuple[int, tuple[float, ...]], ...]
+    choices: tuple[tuple[int, int, int], ...]
     rules: tuple[str, ...]
     n_constants: int
     functions: str
@@ -49,44 +55,45 @@ class Trace:
     initial_inputs: dict[str, frozenset[int]] = field(default_factory=dict[str, frozenset[int]])
 
 
-def _choices(scalar: Scalar) -> tuple[Any, ...]:
+def _members(scalar: Scalar) -> tuple[Any, ...]:
+    """The values of a ``bool`` or ``Choice`` parameter, in the order of their numbers."""
     if isinstance(scalar.start, bool):
         return (False, True)
-    return tuple(cast("type[Choice]", type(scalar.start)))
+    return tuple(sorted(cast("type[Choice]", type(scalar.start)), key=choice_number))
 
 
 def trace(kind: type[Component]) -> Trace:
-    """Trace every variant of a component. Raises TraceError naming component, method and remedy."""
+    """Trace every variant of a component.
+
+    Raises DescriptionError for a wrong declaration, TraceError for equations that cannot be traced; both name the
+    component, file, line and remedy.
+    """
+    check_component(kind)
     parameters, inputs, outputs = scalars(kind), scalars(kind.Input), scalars(kind.Output)
     states, n_continuous = ordered_states(kind)
     symbols = Symbols(states, inputs, parameters)
-    choices = tuple(
-        (i, tuple(choice_number(v) for v in _choices(s)))
-        for i, s in enumerate(parameters)
-        if s.declaration.is_discrete_choice
-    )
-    combinations = list(itertools.product(*(_choices(parameters[i]) for i, _ in choices)))
+    discrete = {i: _members(s) for i, s in enumerate(parameters) if s.declaration.is_discrete_choice}
+    combinations = list(itertools.product(*discrete.values()))
     if len(combinations) > MAX_VARIANTS:
         raise TraceError(
-            f"{kind.__name__}: {len(combinations)} combinations of bool and Choice parameters, at most "
-            f"{MAX_VARIANTS} are traced. Make some of them numbers."
+            f"{of_class(kind)}: {kind.__name__}: {len(combinations)} combinations of bool and Choice parameters, at "
+            f"most {MAX_VARIANTS} are traced. Make some of them numbers."
         )
-    printer = Printer()
-    variants: list[tuple[str, ...]] = []
-    rules: tuple[str, ...] = ()
-    collected: list[Variant] = []
+    collected: dict[tuple[float, ...], Variant] = {}
     for combination in combinations:
         arguments: list[Any] = [Symbol(p) for p in symbols.p]
-        for (index, _), value in zip(choices, combination, strict=True):
+        for index, value in zip(discrete, combination, strict=True):
             arguments[index] = value
         variant = Variant(kind, symbols, arguments, states, n_continuous)
-        rules = variant.rule_texts
-        collected.append(variant)
-        variants.append(printer.variant(variant, symbols))
-    choice_indices = frozenset(i for i, _ in choices) if len(set(variants)) > 1 else frozenset[int]()
+        collected[tuple(map(choice_number, combination))] = variant
+    printer = Printer()
+    choices, rules, variants = _table(kind, printer, symbols, discrete, collected)
+    choice_indices = frozenset(discrete) if len(set(variants)) > 1 else frozenset[int]()
 
     def union(pick: Callable[[Variant], Sequence[Any]], letter: str, n: int) -> tuple[frozenset[int], ...]:
-        return tuple(frozenset[int]().union(*(depends(pick(v)[row], letter) for v in collected)) for row in range(n))
+        return tuple(
+            frozenset[int]().union(*(depends(pick(v)[row], letter) for v in collected.values())) for row in range(n)
+        )
 
     n_y, n_c = len(outputs), n_continuous
     initial_parameters: dict[str, frozenset[int]] = {}
@@ -112,7 +119,7 @@ def trace(kind: type[Component]) -> Trace:
         rules=rules,
         n_constants=printer.n_constants,
         functions=printer.text(),
-        variants=tuple(variants),
+        variants=variants,
         output_inputs=union(lambda v: v.output, "u", n_y),
         output_states=union(lambda v: v.output, "x", n_y),
         derivative_inputs=union(lambda v: v.derivative, "u", n_c),
@@ -120,3 +127,51 @@ def trace(kind: type[Component]) -> Trace:
         initial_parameters=initial_parameters,
         initial_inputs=initial_inputs,
     )
+
+
+def _table(
+    kind: type[Component],
+    printer: Printer,
+    symbols: Symbols,
+    discrete: Mapping[int, tuple[Any, ...]],
+    collected: Mapping[tuple[float, ...], Variant],
+) -> tuple[tuple[tuple[int, int, int], ...], tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Choices, texts of rules, and the functions of each row of the table that the core looks variants up in.
+
+    The table has a row for every whole number from the smallest to the largest of each Choice. A number without a
+    member breaks a rule, and otherwise computes what the start value of its parameter does.
+    """
+    spans = {i: range(int(choice_number(m[0])), int(choice_number(m[-1])) + 1) for i, m in discrete.items()}
+    size = math.prod(map(len, spans.values()))
+    if size > MAX_ROWS:
+        raise TraceError(
+            f"{of_class(kind)}: {kind.__name__}: the numbers of its Choice parameters span {size} combinations, at "
+            f"most {MAX_ROWS} can be told apart. Number the members 1, 2, 3 without gaps."
+        )
+    texts: dict[tuple[str, int], None] = {}
+    for variant in collected.values():
+        texts |= dict.fromkeys(_numbered(variant.rule_texts))
+    gaps = gap_rules(kind)
+    names: dict[tuple[float, ...], tuple[str, ...]] = {}
+    for numbers, variant in collected.items():
+        conditions = dict(zip(_numbered(variant.rule_texts), variant.rules, strict=True))
+        rows = [conditions.get(text, casadi.SX(1.0)) for text in texts] + [casadi.SX(1.0) for _ in gaps]
+        names[numbers] = printer.variant(variant, symbols, rows)
+    listed: list[tuple[str, ...]] = []
+    for numbers in itertools.product(*spans.values()):
+        known = names.get(tuple(map(float, numbers)))
+        if known is None:
+            given = dict(zip(discrete, numbers, strict=True))
+            starts = {i: choice_number(scalars(kind)[i].start) for i in discrete}
+            member = [float(n) if n in set(map(choice_number, discrete[i])) else starts[i] for i, n in given.items()]
+            rows = [casadi.SX(1.0) for _ in texts]
+            rows += [casadi.SX(float(given[gap.reference] in gap.numbers)) for gap in gaps]
+            known = printer.with_rules(names[tuple(member)], symbols, rows)
+        listed.append(known)
+    choices = tuple((i, span.start, len(span)) for i, span in spans.items())
+    return choices, (*(text for text, _ in texts), *(gap.text for gap in gaps)), tuple(listed)
+
+
+def _numbered(texts: Sequence[str]) -> list[tuple[str, int]]:
+    """Each text with how often it has come before: two rules may say the same."""
+    return [(text, texts[:i].count(text)) for i, text in enumerate(texts)]

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-import traceback
-from collections.abc import Callable, Sequence
-from pathlib import Path
+import inspect
+import sys
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import FrozenInstanceError
 from typing import Any, cast
 
-from ..errors import TraceError
-from ..model import Component, Controller, Record, Source, fill
-from .interface import Scalar, scalars
+from ..errors import TraceError, suggest
+from ..model import FUNCTIONS, Component, Controller, Declaration, Plant, Record, Rule, Source, declarations, unflatten
+from . import place
+from .interface import Scalar, scalars, unchecked
 from .symbol import Symbol, casadi, expression
+
+ALLOWED = f"Equations use arithmetic, comparisons and these functions of cosim.model: {', '.join(FUNCTIONS)}."
 
 
 class Symbols:
@@ -34,7 +39,10 @@ def depends(expr: Any, letter: str) -> frozenset[int]:
 
 
 class Variant:
-    """The expressions of one combination of discrete choices."""
+    """The expressions of one combination of discrete choices.
+
+    Raises TraceError where a method cannot be traced, or gives another result when it is called again.
+    """
 
     def __init__(
         self,
@@ -45,35 +53,25 @@ class Variant:
         n_continuous: int,
     ) -> None:
         self.kind, self.symbols, self.n_continuous = kind, symbols, n_continuous
-        component: Any = self._call("parameters", lambda: kind(**fill(kind, iter(arguments))))
-        order = {scalar.name: i for i, scalar in enumerate(states)}
-        declared = [scalar.name for scalar in scalars(kind.State)]
-        x = kind.State(**fill(kind.State, (Symbol(symbols.x[order[name]]) for name in declared)))
-        u = kind.Input(**fill(kind.Input, (Symbol(s) for s in symbols.u)))
-        t = Symbol(symbols.t)
+        with _watched(kind.State, kind.Output):
+            rows = self._evaluated(arguments, states)
+            again = self._evaluated(arguments, states)
+        self.rule_texts = rows.rules
+        for method, known in rows.known.items():
+            if rows.rules != again.rules or self._text(known) != self._text(again.known[method]):
+                raise TraceError(
+                    f"{place.of_method(kind, method)}: {kind.__name__}.{method} gives another result when it is called "
+                    "again with the same arguments. Take out random numbers, clocks and what a call leaves behind."
+                )
+        self.rules, self.initial, self.output = rows.known["rules"], rows.known["initial"], rows.known["output"]
+        discrete = rows.known.get("update", [])
+        self.next: list[Any] = discrete if issubclass(kind, Controller) else []
+        self.update: list[Any] = discrete[n_continuous:] if issubclass(kind, Plant) else []
+        self.derivative: list[Any] = rows.known.get("derivative", [])[:n_continuous]
+        self._differentiate()
 
-        def state(method: str, call: Callable[[], Any]) -> list[Any]:
-            flat = self._record(method, kind.State, call)
-            by_name = dict(zip(declared, flat, strict=True))
-            return [by_name[scalar.name] for scalar in states]
-
-        rules = self._call("rules", component.rules)
-        self.rule_texts = tuple(cast(str, rule.text) for rule in rules)
-        self.rules = [expression(rule.condition) for rule in rules]
-        self.initial = state("initial", component.initial)
-        self.derivative: list[Any] = []
-        self.update: list[Any] = []
-        self.next: list[Any] = []
-        if isinstance(component, Source):
-            self.output = self._record("output", kind.Output, lambda: component.output(cast(float, t)))
-        else:
-            y = self._call("output", lambda: component.output(t, x, u))
-            self.output = self._record("output", kind.Output, lambda: y)
-            if issubclass(kind, Controller):
-                self.next = state("update", lambda: component.update(t, x, u, y))
-            else:
-                self.derivative = state("derivative", lambda: component.derivative(t, x, u))[:n_continuous]
-                self.update = state("update", lambda: component.update(t, x, u))[n_continuous:]
+    def _differentiate(self) -> None:
+        symbols, n_continuous = self.symbols, self.n_continuous
         rows = casadi.vertcat(*self.derivative) if self.derivative else casadi.SX(0, 1)
         columns = casadi.vertcat(*symbols.x[:n_continuous]) if n_continuous else casadi.SX(0, 1)
         self.jacobian = _dense(casadi.jacobian(rows, columns))
@@ -81,6 +79,41 @@ class Variant:
         known = [*symbols.x[:n_continuous], *symbols.u]
         unknown = [*self.derivative, *self.output]
         self.partials = _dense(casadi.jacobian(casadi.vertcat(*unknown), casadi.vertcat(*known))) if known else []
+
+    def _evaluated(self, arguments: Sequence[Any], states: Sequence[Scalar]) -> _Rows:
+        """What each method gives, states in the order of FMUs."""
+        kind, symbols = self.kind, self.symbols
+        component = unchecked(kind, arguments)
+        order = {scalar.name: i for i, scalar in enumerate(states)}
+        declared = [scalar.name for scalar in scalars(kind.State)]
+        x = kind.State(**unflatten(kind.State, (Symbol(symbols.x[order[name]]) for name in declared)))
+        u = kind.Input(**unflatten(kind.Input, (Symbol(s) for s in symbols.u)))
+        t = Symbol(symbols.t)
+
+        def state(method: str, value: Any, needed: Callable[[Declaration], bool]) -> list[Any]:
+            flat = self._record(method, kind.State, value, needed)
+            by_name = dict(zip(declared, flat, strict=True))
+            return [by_name[scalar.name] for scalar in states]
+
+        rules = self._rules(self._call("rules", component.rules))
+        known = {"rules": [condition for _, condition in rules]}
+        known["initial"] = state("initial", self._call("initial", component.initial), lambda _: False)
+        given: tuple[Any, ...] = (t,) if isinstance(component, Source) else (t, x, u)
+        y = self._call("output", lambda: component.output(*given))
+        known["output"] = self._record("output", kind.Output, y, lambda _: True)
+        if isinstance(component, Controller):
+            found = self._call("update", lambda: component.update(cast(float, t), x, u, y))
+            known["update"] = state("update", found, lambda _: True)
+        elif isinstance(component, Plant):
+            found = self._call("derivative", lambda: component.derivative(*given)) if order else x
+            known["derivative"] = state("derivative", found, lambda declaration: not declaration.discrete)
+            found = self._call("update", lambda: component.update(*given))
+            known["update"] = state("update", found, lambda declaration: declaration.discrete)
+        return _Rows(tuple(text for text, _ in rules), known)
+
+    def _text(self, rows: Sequence[Any]) -> str:
+        """The expressions as text; equal for equal ones."""
+        return casadi.Function("f", [casadi.vertcat(*self.symbols.all)], [casadi.vertcat(*rows)]).serialize()
 
     def at_start(self, rows: Sequence[Any]) -> Sequence[Any]:
         """``rows`` with the states replaced by their initial expressions."""
@@ -90,23 +123,110 @@ class Variant:
         return [casadi.substitute(row, old, new) for row in rows]
 
     def _call(self, method: str, call: Callable[[], Any]) -> Any:
+        """Call one method; whatever it raises becomes a TraceError with file and line."""
         try:
             return call()
-        except TraceError as error:
-            raise TraceError(f"{self.kind.__name__}.{method}: {error}") from error
         except Exception as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            hint = " Use only arithmetic and the functions of cosim.model." if isinstance(error, TypeError) else ""
-            raise TraceError(
-                f"{self.kind.__name__}.{method}: {type(error).__name__}: {error} "
-                f"({Path(place.filename).name}, line {place.lineno}).{hint}"
-            ) from error
+            own = inspect.getsourcefile(self.kind) or ""
+            at = place.of_error(error.__traceback__, own) or place.of_method(self.kind, method)
+            text = str(error) if isinstance(error, TraceError) else f"{type(error).__name__}: {error}."
+            raise TraceError(f"{at}: {self.kind.__name__}.{method}: {text}{_hint(error)} {ALLOWED}") from error
 
-    def _record(self, method: str, record: type[Record], call: Callable[[], Any]) -> list[Any]:
-        value = self._call(method, call)
+    def _refuse(self, method: str, text: str, at: str = "") -> TraceError:
+        return TraceError(f"{at or place.of_method(self.kind, method)}: {self.kind.__name__}.{method}: {text}")
+
+    def _rules(self, rules: Any) -> list[tuple[str, Any]]:
+        """Text and condition of each rule."""
+        if not isinstance(rules, tuple) or not all(isinstance(rule, Rule) for rule in cast("tuple[Any, ...]", rules)):
+            raise self._refuse("rules", f"returns {rules!r}. Return a tuple of Rule(condition, text).")
+        found: list[tuple[str, Any]] = []
+        for rule in cast("tuple[Rule, ...]", rules):
+            if not isinstance(cast(object, rule.condition), bool | Symbol) or not rule.text.strip():
+                raise self._refuse("rules", f"{rule!r}: give a condition such as self.a < self.b, and a text.")
+            found.append((rule.text, expression(rule.condition)))
+        return found
+
+    def _record(
+        self, method: str, record: type[Record], value: Any, needed: Callable[[Declaration], bool]
+    ) -> list[Any]:
+        """The members of a record that a method gave, arrays flattened."""
+        name = record.__name__
         if not isinstance(value, record):
-            raise TraceError(f"{self.kind.__name__}.{method}: returns {value!r}. Return a {record.__qualname__}.")
-        return [self._call(method, lambda item=item: expression(item)) for item in value]
+            members = ", ".join(f"{d.attribute}=..." for d in declarations(record))
+            raise self._refuse(method, f"returns {value!r}. Return a {record.__qualname__}: self.{name}({members}).")
+        made: _Made | None = getattr(value, "_made", None)
+        at = made.at if made else ""
+        missing = [d for d in declarations(record) if made and needed(d) and d.attribute not in made.given]
+        if missing:
+            names = " and ".join(d.attribute for d in missing)
+            remedy = f"; a member that keeps its value is {missing[0].attribute}=x.{missing[0].attribute}"
+            text = f"the {name} is given no {names}. Give every member{remedy if method == 'update' else ''}."
+            raise self._refuse(method, text, at)
+        found: list[Any] = []
+        for declaration in declarations(record):
+            item, length = getattr(value, declaration.attribute), declaration.length
+            wanted = "a number" if length is None else f"a tuple of {length} numbers"
+            elements: tuple[Any, ...] = cast("tuple[Any, ...]", item) if isinstance(item, tuple) else (item,)
+            if isinstance(item, tuple) != (length is not None) or len(elements) != (length or 1):
+                shown = f"{len(elements)} elements" if isinstance(item, tuple) else f"{item!r}"
+                raise self._refuse(method, f"{name}.{declaration.attribute} is {shown}. Give {wanted}.", at)
+            for element in elements:
+                try:
+                    found.append(expression(element))
+                except TraceError as error:
+                    text = f"{name}.{declaration.attribute}: {error} {ALLOWED}"
+                    raise self._refuse(method, text, at) from error
+        return found
+
+
+class _Rows:
+    """The texts of the rules, and for each method its expressions."""
+
+    def __init__(self, rules: tuple[str, ...], known: Mapping[str, list[Any]]) -> None:
+        self.rules, self.known = rules, known
+
+
+class _Made:
+    """Which members a record was given, and on which line."""
+
+    def __init__(self, given: frozenset[str], at: str) -> None:
+        self.given, self.at = given, at
+
+
+@contextmanager
+def _watched(*records: type[Record]) -> Generator[None]:
+    """Note at each new record of these classes which members it is given and where: others take their start value."""
+    plain = {record: cast(Any, record).__init__ for record in dict.fromkeys(records)}
+
+    def watching(make: Callable[..., None]) -> Callable[..., None]:
+        def init(self: Record, *values: Any, **given: Any) -> None:
+            make(self, *values, **given)
+            made = _Made(frozenset(given), place.of_caller(sys._getframe(1)))  # pyright: ignore[reportPrivateUsage]
+            object.__setattr__(self, "_made", made)
+
+        return init
+
+    try:
+        for record, make in plain.items():
+            cast(Any, record).__init__ = watching(make)
+        yield
+    finally:
+        for record, make in plain.items():
+            cast(Any, record).__init__ = make
+
+
+def _hint(error: Exception) -> str:
+    """What to do, where the error itself does not say it."""
+    if isinstance(error, FrozenInstanceError):
+        return " Nothing is changed in place: give new values to self.State(...)."
+    if isinstance(error, AttributeError) and isinstance(error.obj, Record | Component):
+        known = [item for item in vars(error.obj) if not item.startswith("_")]
+        return suggest(error.name or "", known)
+    if isinstance(error, TypeError) and "unhashable type: 'Symbol'" in str(error):
+        return " A value is no key of a dict or set, and no argument of a cached function."
+    if isinstance(error, NotImplementedError):
+        return " Write this method."
+    return ""
 
 
 def _dense(matrix: Any) -> list[Any]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import importlib.metadata
 import json
-import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +18,7 @@ from .assets import asset_files
 from .compile import RUNTIME
 from .package import build, build_python
 from .python.python_package import PROXY
+from .source_files import load_component, needed_files, origin
 
 Flavour = Literal["native", "python", "fmi3"]
 """FMI 2.0 native and with PythonFMU, FMI 3.0 native; also the names of the folders of each."""
@@ -27,50 +26,85 @@ Flavour = Literal["native", "python", "fmi3"]
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where components are found and FMUs are put: ``root`` holds ``fmus/``, ``cache`` what can be made again."""
+    """Where components are found and what is kept of builds.
+
+    ``root`` holds the library ``fmus/``, ``cache`` what can be made again; ``files`` are components of other files.
+    """
 
     root: Path
     cache: Path
+    files: tuple[tuple[str, Path], ...] = ()
 
     def components(self) -> dict[str, Path]:
         """Component name -> its file; ``ballscrew_stage.py`` holds ``BallscrewStage``."""
-        files = [
+        library = [
             path
             for room in ("plant", "controllers", "sources")
             for path in sorted((self.root / "fmus" / room).glob("*.py"))
             if path.stem != "__init__"
         ]
-        return {"".join(part.capitalize() for part in path.stem.split("_")): path for path in files}
+        return {"".join(part.capitalize() for part in path.stem.split("_")): path for path in library} | dict(
+            self.files
+        )
 
     def component(self, name: str) -> type[Component]:
-        """Import a component by name."""
-        path = self.components()[name]
-        module = importlib.import_module(".".join(path.relative_to(self.root).with_suffix("").parts))
-        return getattr(module, name)
+        """Import a component by name. Raises DescriptionError, file and line in it."""
+        return load_component(self.components()[name], name)
 
     def select(self, names: Sequence[str]) -> list[str]:
         """The named components, or all. Raises DescriptionError listing every unknown name."""
+        workspace, found = self.choose(names or tuple(self.components()))
+        if workspace.files != self.files:
+            raise DescriptionError("give names of components, no files.")
+        return found
+
+    def choose(self, references: Sequence[str]) -> tuple[Workspace, list[str]]:
+        """The workspace that knows components of files, too, and the names of those that are meant.
+
+        A reference is the name of a component, FILE.py or FILE.py:NAME. Raises DescriptionError with all problems.
+        """
+        files, names = dict(self.files), dict[str, None]()
+        problems: list[str] = []
         known = self.components()
-        unknown = [name for name in names if name not in known]
-        if unknown:
-            raise DescriptionError([f"no component '{name}'.{suggest(name, known)}" for name in unknown])
-        return list(names or known)
+        for reference in references:
+            file, colon, name = reference.rpartition(":")
+            if not (colon and file.endswith(".py")):
+                file, name = reference, ""
+            try:
+                if not file.endswith(".py"):
+                    if file not in known:
+                        raise DescriptionError(
+                            f"no component '{file}'.{suggest(file, known)} For a component of your own give FILE.py."
+                        )
+                    names[file] = None
+                    continue
+                path = Path(file).resolve()
+                name = load_component(path, name or None).__name__
+                if files.get(name, path) != path:
+                    raise DescriptionError(f"{path.name} and {files[name].name} both hold {name}. Rename one of them.")
+                files[name] = path
+                names[name] = None
+            except DescriptionError as error:
+                problems += error.problems
+        if problems:
+            raise DescriptionError(problems)
+        return replace(self, files=tuple(files.items())), list(names)
 
     def sources(self, name: str, flavour: Flavour = "native") -> str:
         """A hash of the files of this project that the FMU is made from; it needs no tool that builds FMUs."""
-        package = Path(__file__).parents[1]
+        package, path = Path(__file__).parents[1], self.components()[name]
         files = [
-            self.components()[name],
-            *sorted((self.root / "fmus" / "physics").glob("*.py")),
-            *(package / f"{module}.py" for module in ("model", "units", "errors", "fmu/xml")),
+            *needed_files(origin(path), path).values(),
+            *(package / f"{module}.py" for module in ("model", "units", "errors", "fmu/xml", "fmu/archive")),
             *sorted(Path(__file__).parent.rglob("*.py")),
+            *sorted(Path(__file__).parent.glob("*.j2")),
             *sorted(RUNTIME.glob("*.[ch]")),
-            *asset_files(self.components()[name]),
+            *asset_files(path, name),
             *((PROXY,) if flavour == "python" else ()),
         ]
         digest = hashlib.sha256()
-        for path in files:
-            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+        for file in files:
+            digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
         return digest.hexdigest()
 
     def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
@@ -129,11 +163,9 @@ class Workspace:
 
 def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple[str, ...], flavour: Flavour) -> float:
     start = time.perf_counter()
-    if str(workspace.root) not in sys.path:
-        sys.path.insert(0, str(workspace.root))
     kind = workspace.component(name)
     if flavour == "python":
-        target = build_python(kind, output, workspace.cache, platforms, workspace.root)
+        target = build_python(kind, output, workspace.cache, platforms)
     else:
         target = build(kind, output, workspace.cache, platforms, 3 if flavour == "fmi3" else 2)
     workspace.remember(name, platforms, target, flavour)

@@ -1,12 +1,15 @@
-"""Archives from anywhere: what may be unpacked, and what is refused."""
+"""Archives: what may be unpacked from anywhere and what is refused; how this project writes its own."""
 
 from __future__ import annotations
 
+import shutil
 import stat
 import zipfile
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path, PurePosixPath
 
 from ..errors import DescriptionError
+from .files import replacing
 
 MAX_MEMBERS = 20_000
 
@@ -55,3 +58,42 @@ def checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
         more = len(problems) - len(shown)
         raise DescriptionError([*shown, f"{source}: {more} more members like these."] if more else shown)
     return members
+
+
+def unpack(archive: zipfile.ZipFile, folder: Path, needed: Callable[[str], bool] = lambda name: True) -> None:
+    """Write the members whose names are ``needed`` into ``folder``.
+
+    Raises DescriptionError if a member is refused, or if the folder cannot take them: a disk is full, for example.
+    """
+    for member in checked_members(archive):
+        if not needed(member.filename):
+            continue
+        target = folder.joinpath(*PurePosixPath(member.filename).parts)
+        try:
+            if member.is_dir():
+                target.mkdir(parents=True, exist_ok=True)
+                continue
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with archive.open(member) as source, target.open("wb") as file:
+                shutil.copyfileobj(source, file)
+        except OSError as error:
+            raise DescriptionError(
+                f"{Path(str(archive.filename)).name}: cannot be unpacked into {folder}: {error.strerror or error}. "
+                "The variable TMPDIR names another folder for temporary files."
+            ) from None
+
+
+def write_zip(target: Path, files: Mapping[str, bytes | Path], first: str, deflated: Collection[str] = ()) -> None:
+    """Write an archive whose bytes depend on names and contents only: sorted behind ``first``, one date, in one go.
+
+    A Path stands for the content of that file; members are stored, or deflated if their name is in ``deflated``.
+    Raises OSError, and leaves an older ``target`` alone then.
+    """
+    with replacing(target) as partial, zipfile.ZipFile(partial, "w") as archive:
+        for name in sorted(files, key=lambda name: (name != first, name)):
+            content = files[name]
+            entry = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))
+            entry.create_system = 3
+            entry.external_attr = 0o644 << 16
+            entry.compress_type = zipfile.ZIP_DEFLATED if name in deflated else zipfile.ZIP_STORED
+            archive.writestr(entry, content.read_bytes() if isinstance(content, Path) else content)

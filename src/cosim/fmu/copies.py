@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import DescriptionError, suggest
+from .files import write_file
 from .places import fmus_in
 
 
@@ -39,15 +38,7 @@ def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: b
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path, content in changed.items():
-            _write(path, content)
+            write_file(path, content)
     except OSError as error:
         raise DescriptionError(f"{folder}: cannot be written to ({error.strerror}). Give another folder.") from None
     return list(changed)
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file in one go, so that nobody ever sees half an FMU; readable for those who may read new files."""
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".cosim-") as place:
-        partial = Path(place) / path.name
-        partial.write_bytes(content)
-        os.replace(partial, path)

@@ -9,7 +9,6 @@ import hashlib
 import math
 import os
 import re
-import shutil
 import stat
 import sys
 import tempfile
@@ -27,7 +26,7 @@ from typing import Any, Literal, cast
 
 from ..errors import DescriptionError
 from ..units import Unit, resolve_unit
-from .archive import checked_members
+from .archive import checked_members, unpack
 
 fmi: Any = import_module("fmpy.model_description")
 
@@ -152,7 +151,7 @@ class Fmu:
     def extract(self, folder: Path) -> Path:
         """Unpack into ``folder`` what a run on this machine needs; the path of the library.
 
-        Raises DescriptionError if the archive is hostile or has changed since it was read.
+        Raises DescriptionError if the archive is hostile or has changed since it was read, or if ``folder`` is full.
         """
         if self.library is None:
             raise DescriptionError(f"{self.path.name}: {_no_binary(self)}")
@@ -160,14 +159,7 @@ class Fmu:
             raise DescriptionError(f"{self.path} changed after it was read. Read the system again.")
         binaries = str(PurePosixPath(self.library).parent) + "/"
         with zipfile.ZipFile(self.path) as archive:
-            for member in checked_members(archive):
-                needed = member.filename.startswith((binaries, "resources/"))
-                if not needed or member.is_dir():
-                    continue
-                target = folder.joinpath(*PurePosixPath(member.filename).parts)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                with archive.open(member) as source, target.open("wb") as file:
-                    shutil.copyfileobj(source, file)
+            unpack(archive, folder, lambda name: name.startswith((binaries, "resources/")))
         return folder.joinpath(*PurePosixPath(self.library).parts)
 
 

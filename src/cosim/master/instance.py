@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import itertools
+import logging
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Generator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
 from ..errors import SimulationError
+from ..files import temporary_folder
 from ..fmu.description import Fmu, Variable
 from ..result.result import Message, Result
 from ..system.parts import Instance
+from ..system.system import System
+from .board import Board
 
 fmpy: Any = import_module("fmpy")
 
@@ -35,6 +41,11 @@ FATAL = 4
 
 
 MAX_MESSAGES = 10_000
+"""Messages of each status that are kept of an instance in a run: many OK messages cannot crowd out a warning."""
+
+
+MAX_TEXT = 10_000
+"""Characters of a message that are kept."""
 
 
 class RunError(SimulationError):
@@ -57,34 +68,57 @@ class CallError(RunError):
         self.function = function
         self.status = status
         said = f" The FMU said: {message}" if message else " The FMU gave no message."
-        text = f"{instance}: {function} at {time:.9g} s returned fmi2{status}.{said}{remedy}"
+        returned = f"status {status}, which FMI does not know" if status.isdecimal() else f"fmi2{status}"
+        text = f"{instance}: {function} at {time:.9g} s returned {returned}.{said}{remedy}"
         super().__init__(text, time=time, message=message)
 
 
-class _Log:
+LEVELS = {"OK": logging.INFO, "Warning": logging.WARNING, "Discard": logging.WARNING}
+"""Level in Python's logging for each status; that of all others is ERROR."""
+
+
+def log_message(message: Message) -> None:
+    """Hand a message of an FMU to Python's logger ``cosim.fmu``."""
+    logging.getLogger("cosim.fmu").log(LEVELS.get(message.status, logging.ERROR), "%s", message)
+
+
+class Log:
     """Messages of one instance. FMUs find it by a number, which travels as their component environment."""
 
     _numbers: ClassVar = itertools.count(1)
-    _open: ClassVar[dict[int, _Log]] = {}
+    _open: ClassVar[dict[int, Log]] = {}
+
+    sink: ClassVar[Callable[[Message], None]] = staticmethod(log_message)
+    """Gets every message that is kept, when it comes."""
 
     def __init__(self, instance: str) -> None:
         self.instance = instance
         self.number = next(self._numbers)
-        self.clock: Callable[[], float] = lambda: 0.0
+        self._open[self.number] = self
+        self.begin(lambda: 0.0)
+
+    def begin(self, clock: Callable[[], float]) -> None:
+        """Forget all messages; those to come get their time from ``clock``."""
+        self.clock = clock
         self.messages: list[Message] = []
         self.dropped = 0
         self.last = ""
-        self._open[self.number] = self
+        self._counts: Counter[str] = Counter()
 
     def close(self) -> None:
         self._open.pop(self.number, None)
 
     def add(self, status: int, category: str, text: str) -> None:
         said = STATUS[status] if 0 <= status < len(STATUS) else str(status)
+        if len(text) > MAX_TEXT:
+            text = f"{text[:MAX_TEXT]} ... ({len(text)} characters)"
         if status > 0:
             self.last = text
-        if len(self.messages) < MAX_MESSAGES:
-            self.messages.append(Message(self.instance, self.clock(), said, category, text))
+        self._counts[said] += 1
+        if self._counts[said] <= MAX_MESSAGES:
+            message = Message(self.instance, self.clock(), said, category, text)
+            self.messages.append(message)
+            Log.sink(message)
         else:
             self.dropped += 1
 
@@ -99,7 +133,7 @@ class _Log:
             log.add(status, (category or b"").decode("utf-8", "replace"), (message or b"").decode("utf-8", "replace"))
 
 
-_receive = fmi2.fmi2CallbackLoggerTYPE(_Log.receive)
+_receive = fmi2.fmi2CallbackLoggerTYPE(Log.receive)
 
 
 def _callbacks(environment: int) -> Any:
@@ -120,21 +154,23 @@ _LOADING = threading.Lock()
 class FmuInstance:
     """An instance on FMPy's FMU2Slave: its calls checked, its messages kept."""
 
-    def __init__(self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
+    def __init__(
+        self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool, board: Board | None = None
+    ) -> None:
         self.number = number
         self.name = instance.name
         self.fmu: Fmu = instance.fmu
-        self.log = _Log(instance.name)
+        self.log = Log(instance.name)
         self.fatal = False
         self._folder = folder
         self._library = library
         self._debug = debug
+        self._board = board
         self._slave: Any = None
 
     def load(self) -> None:
         """Load the library and create the instance. Raises SimulationError."""
-        with _LOADING:
-            place = os.getcwd()
+        with _LOADING, _working_folder(self._folder), self._calling("loading the library"):
             try:
                 self._slave = fmi2.FMU2Slave(
                     guid=self.fmu.guid,
@@ -147,10 +183,9 @@ class FmuInstance:
                 # FMPy raises bare exceptions for a library that does not load or lacks a function.
                 text = str(error).replace(str(self._folder), self.fmu.path.name)
                 raise SimulationError(f"{self.name}: the library of {self.fmu.name} cannot be used: {text}") from None
-            finally:
-                os.chdir(place)
         try:
-            self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
+            with self._calling("fmi2Instantiate"):
+                self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
         except Exception:
             self._slave.freeLibrary()
             self._slave = None
@@ -158,7 +193,8 @@ class FmuInstance:
         if not self._debug:
             categories = [c for c in self.fmu.log_categories if c.startswith("logStatus")]
             if categories:
-                self._slave.setDebugLogging(True, categories)
+                with self._calling("fmi2SetDebugLogging"):
+                    self._slave.setDebugLogging(True, categories)
 
     @property
     def component(self) -> int:
@@ -171,7 +207,8 @@ class FmuInstance:
     def call(self, function: str, *arguments: Any) -> Any:
         """Call an FMI function on this instance; raises CallError for a status other than OK and Warning."""
         try:
-            return getattr(self._slave, function)(self._slave.component, *arguments)
+            with self._calling(function):
+                return getattr(self._slave, function)(self._slave.component, *arguments)
         except fmi1.FMICallException as error:
             raise self.failed(function, int(error.status)) from None
 
@@ -221,9 +258,55 @@ class FmuInstance:
     def free(self) -> None:
         """Free the instance and its library, unless it said fmi2Fatal."""
         if self._slave is not None and not self.fatal:
-            self._slave.freeInstance()
+            with self._calling("fmi2FreeInstance"):
+                self._slave.freeInstance()
         self._slave = None
         self.log.close()
+
+    def _calling(self, function: str) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext() if self._board is None else self._board.call(self.name, function)
+
+
+@contextlib.contextmanager
+def loaded(
+    system: System, *, debug: bool, folder: Path | None = None, board: Board | None = None
+) -> Generator[list[FmuInstance]]:
+    """The instances of ``system``, freed at the end; FMUs are unpacked in ``folder``, or in a temporary one.
+
+    Raises DescriptionError, SimulationError.
+    """
+    instances: list[FmuInstance] = []
+    with contextlib.ExitStack() as resources:
+        place = folder or resources.enter_context(temporary_folder())
+        unpacked: dict[str, tuple[Path, Path]] = {}
+        try:
+            for instance in system.instances:
+                digest = instance.fmu.digest
+                if digest not in unpacked:
+                    target = place / str(len(unpacked))
+                    target.mkdir()
+                    unpacked[digest] = target, instance.fmu.extract(target)
+                made = FmuInstance(len(instances), instance, *unpacked[digest], debug=debug, board=board)
+                instances.append(made)
+                made.load()
+            yield instances
+        finally:
+            for made in instances:
+                made.free()
+
+
+@contextlib.contextmanager
+def _working_folder(folder: Path) -> Generator[None]:
+    """Come back to the working folder at the end; go to ``folder`` if that in which the process is has been deleted."""
+    try:
+        place = os.getcwd()
+    except FileNotFoundError:
+        os.chdir(folder)
+        place = str(folder)
+    try:
+        yield
+    finally:
+        os.chdir(place)
 
 
 def _ctype(variable: Variable) -> tuple[str, Any]:

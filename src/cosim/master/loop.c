@@ -122,9 +122,10 @@ static bool exchange(const Row *row, double *values, int64_t *state, bool check)
     return (status == 0 || tolerated(state, status)) && (row->set || convert(row, values, state, check));
 }
 
-/* The values of the connections of a row, to their targets or added to them. */
+/* The values of the connections of a row, to their targets or added to them. `link` and `links` are in bytes. */
 static inline bool carry(const Row *row, const Link *links, double *values, int64_t *state, bool check, bool add) {
-    const Link *link = links + row->link, *const end = link + row->links;
+    const Link *link = (const Link *)((const char *)links + row->link);
+    const Link *const end = (const Link *)((const char *)link + row->links);
 #pragma clang loop unroll(disable)
     for (; link != end; link++) {
         const double value = link->factor * values[link->source] + link->offset;

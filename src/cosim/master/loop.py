@@ -51,7 +51,7 @@ PROGRAM_COLUMNS = 17
 """Columns of ``program``. A row does, in this order, what it has:
 
 - fmi2DoStep or fmi3DoStep, as ``FMI`` says, at address ``STEP``, over ``MULTIPLE`` steps;
-- ``LINKS`` connections, from number ``LINK`` on;
+- ``LINKS`` connections, from number ``LINK`` on; ``array`` makes bytes of both, as the loop wants them;
 - ``ACT``, one of those below.
 
 ``STEP_CALL`` and ``CALL`` are what ``state[CALLING]`` says during the calls of ``STEP`` and of ``FUNCTION``.
@@ -221,7 +221,7 @@ def array(rows: list[Row]) -> Unsigned:
     program = np.zeros((len(rows), PROGRAM_COLUMNS), dtype=np.uint64)
     for number, row in enumerate(rows):
         for column, value in {**row, ACT: _act(row)}.items():
-            program[number, column] = value
+            program[number, column] = value * LINK_TYPE.itemsize if column in (LINK, LINKS) else value
     return program.reshape(-1)
 
 

@@ -42,7 +42,8 @@ class _Row:
         self.component, self.multiple, self.step_call = (
             columns[column] for column in (loop.COMPONENT, loop.MULTIPLE, loop.STEP_CALL)
         )
-        self.links = range(columns[loop.LINK], columns[loop.LINK] + columns[loop.LINKS])
+        first, links = (columns[column] // loop.LINK_TYPE.itemsize for column in (loop.LINK, loop.LINKS))
+        self.links = range(first, first + links)
         self.act, self.call, self.count, self.slot = (
             columns[column] for column in (loop.ACT, loop.CALL, loop.COUNT, loop.SLOT)
         )

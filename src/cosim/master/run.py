@@ -6,23 +6,28 @@ import contextlib
 import math
 import os
 import platform
+import signal
 import time as clock_time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..fmu.description import Value, Variable
-from ..result.result import Column, Message, Result
+from ..result.record import Column
+from ..result.result import Message, Result
 from ..system.parts import Connection
 from ..system.system import System
 from . import loop, loop_plain
-from .instance import FmuInstance, RunError, fmpy
+from .board import IN_LOOP, STEPPING, STOP, Board
+from .instance import FmuInstance, Log, RunError, fmpy
 from .program import KINDS, Program
+from .signals import Ended, Presses
 
 Progress = Callable[[float], None]
 """Called with the fraction of the run that is done, at most some twenty times a second."""
@@ -38,12 +43,13 @@ SOLVER = "solver."
 """Numbers an FMU offers under names with this beginning are kept at the end of a run."""
 
 
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a run; ``result`` holds what was computed."""
+class Interrupted(Ended):
+    """Ctrl-C, SIGTERM or SIGHUP during a run; ``result`` holds what was computed, ``number`` is the signal's."""
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: Result, number: int = signal.SIGINT) -> None:
+        super().__init__(number)
         self.result = result
-        super().__init__(f"interrupted at {result.time[-1] if result.time.size else 0.0:.9g} s")
+        self.args = (f"interrupted at {result.time[-1] if result.time.size else 0.0:.9g} s",)
 
 
 class SignalError(RunError):
@@ -71,6 +77,7 @@ class Run:
         *,
         begin: int = 0,
         end: int | None = None,
+        board: Board | None = None,
         check: bool = True,
     ) -> None:
         self.system = system
@@ -81,17 +88,18 @@ class Run:
         self.last = system.steps if end is None else end
         """The communication point that ends the run."""
         self.clock = np.array([float(system.start_time), float(system.step_size)])
-        self.state = np.zeros(loop.STATE_LENGTH, dtype=np.int64)
-        self.state[loop.POINT] = begin
+        self.board = board
+        """Where another process sees rows and state, if there is one."""
         self.first_row = -(-begin // system.decimation)
-        shape = (self.last // system.decimation + 1 - self.first_row, len(system.record))
-        need = shape[0] * shape[1] * 8
-        if need > _physical_memory():
-            raise DescriptionError(
-                f"{system.name}: {shape[0]} rows of {shape[1]} variables need {need / 2**30:.1f} GiB of memory. "
-                "Record fewer variables or take a larger decimation."
-            )
-        self.rows = np.empty(shape)
+        if board is None:
+            self.state = np.zeros(loop.STATE_LENGTH, dtype=np.int64)
+            rows = self.last // system.decimation + 1 - self.first_row
+            check_memory(system, rows)
+            self.rows = np.empty((rows, len(system.record)))
+        else:
+            self.state = board.state
+            self.rows = board.window
+        self.state[loop.POINT] = begin
         self.notices: list[Message] = []
         self.started = clock_time.perf_counter()
         self.stepping_seconds = 0.0
@@ -99,7 +107,7 @@ class Run:
     def time(self) -> float:
         return float(self.clock[0] + self.state[loop.POINT] * self.clock[1])
 
-    def go(self, progress: Progress | None, interrupted: Callable[[], bool], *, end: int | None = None) -> Result:
+    def go(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
         """From initialization to termination; or to point ``end``, which is left to whoever goes on."""
         self.watch()
         try:
@@ -114,11 +122,11 @@ class Run:
             raise
         result = self.result(solver, partial=stopped or end is not None)
         if stopped:
-            raise Interrupted(result)
+            raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
     def go_on(
-        self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Callable[[], bool]
+        self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Presses
     ) -> Result:
         """From a restored checkpoint to the end. The instances are left there: their state is set or reset next."""
         self.watch()
@@ -132,16 +140,13 @@ class Run:
             raise
         result = self.result(solver, partial=stopped)
         if stopped:
-            raise Interrupted(result)
+            raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
     def watch(self) -> None:
         """Begin this run's log."""
         for slave in self.slaves:
-            slave.log.clock = self.time
-            slave.log.messages = []
-            slave.log.dropped = 0
-            slave.log.last = ""
+            slave.log.begin(self.time)
 
     def initialize(self) -> None:
         system = self.system
@@ -169,6 +174,7 @@ class Run:
                 return
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
+        Log.sink(self.notices[-1])
 
     def once(self, rows: list[loop.Row]) -> None:
         """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
@@ -190,7 +196,12 @@ class Run:
         slots, rows, decimation = record
         arrays = program, split, self.program.links, self.program.values, slots, rows, self.clock, self.state
         advance = loop.compiled() or loop_plain.advance
-        if not advance(*arrays, end=end, last=last, decimation=decimation, check=check):
+        if self.board is not None:
+            self.board.flags[IN_LOOP] = 1
+        done = advance(*arrays, end=end, last=last, decimation=decimation, check=check)
+        if self.board is not None:
+            self.board.flags[IN_LOOP] = 0
+        if not done:
             raise self.stopped()
 
     def stopped(self) -> RunError:
@@ -209,16 +220,25 @@ class Run:
         number, function = loop.call_of(state) or (0, "")
         return self.slaves[number].failed(function, int(state[loop.STATUS]))
 
-    def step(self, progress: Progress | None, interrupted: Callable[[], bool], pause: int | None = None) -> bool:
+    def step(self, progress: Progress | None, interrupted: Presses, pause: int | None = None) -> bool:
         """Run all steps, or those before point ``pause``, in chunks of about ``CHUNK_SECONDS``; True if interrupted."""
         chunk = 64
         stop = self.last if pause is None else pause
         last = stop if pause is None else stop + 1
         program = loop.array(self.program.point + self.program.step)
         split = len(self.program.point)
-        record = self.program.recorded, self.rows, self.system.decimation
+        every = self.system.decimation
+        if self.board is not None:
+            self.board.flags[STEPPING] = 1
         while True:
-            end = min(int(self.state[loop.POINT]) + chunk, stop)
+            point = int(self.state[loop.POINT])
+            end = min(point + chunk, stop)
+            if self.board is not None:
+                room = self.board.room()
+                # Rows are due at multiples of ``every`` from ``point`` to ``end``: not more than there is room for.
+                end = min(end, (-(-point // every) + room - 1) * every)
+                self.rows = self.board.window
+            record = self.program.recorded, self.rows, every
             begun = clock_time.perf_counter()
             try:
                 self.loop(program, split, record, end=end, last=last, check=self.check)
@@ -229,9 +249,10 @@ class Run:
                 progress(end / stop)
             if end == stop:
                 return False
-            if interrupted():
+            if interrupted() or (self.board is not None and self.board.flags[STOP]):
                 return True
-            chunk = max(1, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(spent, 1e-9))))
+            steps = end - point
+            chunk = max(1, min(4 * chunk, int(steps * CHUNK_SECONDS / max(spent, 1e-9))))
 
     def counters(self) -> dict[str, dict[str, float]]:
         found: dict[str, dict[str, float]] = {}
@@ -242,38 +263,92 @@ class Run:
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
-        system = self.system
-        count = int(self.state[loop.ROWS])
-        messages = [*self.notices, *(m for slave in self.slaves for m in slave.log.messages)]
-        points = np.arange(self.first_row, self.first_row + count, dtype=np.float64) * system.decimation
-        return Result(
-            time=self.clock[0] + points * self.clock[1],
-            rows=self.rows[:count],
-            columns=tuple(_column(f"{name}.{v}", system.variable(name, v)) for name, v in system.record),
-            partial=partial,
-            messages=tuple(sorted(messages, key=lambda message: message.time)),
+        return make_result(
+            self.system,
+            self.rows[: int(self.state[loop.ROWS])],
+            self.state,
+            first_row=self.first_row,
+            messages=[*self.notices, *(m for slave in self.slaves for m in slave.log.messages)],
             dropped_messages=sum(slave.log.dropped for slave in self.slaves),
             solver=solver,
-            metadata={
-                "system": system.name,
-                "description": system.description,
-                "system_hash": system.digest,
-                "start_time": float(system.start_time),
-                "stop_time": float(system.stop_time),
-                "step_size": float(system.step_size),
-                "steps": int(self.state[loop.POINT]),
-                "order": system.order if isinstance(system.order, str) else list(system.order),
-                "decimation": system.decimation,
-                "connections": [str(connection) for connection in system.connections],
-                "transformations": {
-                    str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
-                },
-                "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
-                "warnings": int(self.state[loop.WARNINGS]),
-                "versions": dict(_versions()),
-                "total_seconds": clock_time.perf_counter() - self.started,
-                "stepping_seconds": self.stepping_seconds,
-            },
+            partial=partial,
+            total_seconds=clock_time.perf_counter() - self.started,
+            stepping_seconds=self.stepping_seconds,
+        )
+
+
+def make_result(
+    system: System,
+    rows: NDArray[np.float64],
+    state: NDArray[np.int64],
+    *,
+    first_row: int = 0,
+    every: int = 1,
+    messages: Sequence[Message],
+    dropped_messages: int,
+    solver: Mapping[str, Mapping[str, float]],
+    partial: bool,
+    total_seconds: float,
+    stepping_seconds: float,
+) -> Result:
+    """The result of a run that has come to where ``state`` is; ``rows`` has every n-th row from ``first_row`` on."""
+    return Result(
+        time=row_times(system, np.arange(first_row, first_row + len(rows) * every, every)),
+        rows=rows,
+        columns=result_columns(system),
+        partial=partial,
+        messages=tuple(sorted(messages, key=lambda message: message.time)),
+        dropped_messages=dropped_messages,
+        solver=solver,
+        metadata={
+            **system_metadata(system),
+            "decimation": system.decimation * every,
+            "steps": int(state[loop.POINT]),
+            "warnings": int(state[loop.WARNINGS]),
+            "total_seconds": total_seconds,
+            "stepping_seconds": stepping_seconds,
+        },
+    )
+
+
+def system_metadata(system: System) -> dict[str, Any]:
+    """What is known about a run before it begins."""
+    return {
+        "system": system.name,
+        "description": system.description,
+        "system_hash": system.digest,
+        "start_time": float(system.start_time),
+        "stop_time": float(system.stop_time),
+        "step_size": float(system.step_size),
+        "order": system.order if isinstance(system.order, str) else list(system.order),
+        "decimation": system.decimation,
+        "connections": [str(connection) for connection in system.connections],
+        "transformations": {
+            str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
+        },
+        "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
+        "versions": dict(_versions()),
+    }
+
+
+def row_times(system: System, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The times of rows with these numbers, in seconds."""
+    points = np.asarray(numbers * system.decimation, dtype=np.float64)
+    return float(system.start_time) + points * float(system.step_size)
+
+
+def result_columns(system: System) -> tuple[Column, ...]:
+    """The columns of the rows that a run of ``system`` records."""
+    return tuple(_column(f"{name}.{v}", system.variable(name, v)) for name, v in system.record)
+
+
+def check_memory(system: System, rows: int) -> None:
+    """Raise DescriptionError if so many rows are more than this machine has memory for."""
+    need = rows * len(system.record) * 8
+    if need > _physical_memory():
+        raise DescriptionError(
+            f"{system.name}: {rows} rows of {len(system.record)} variables need {need / 2**30:.1f} GiB of memory. "
+            "Record fewer variables or take a larger decimation."
         )
 
 

@@ -29,13 +29,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import signal
-import tempfile
-import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -46,9 +42,11 @@ from ..fmu.description import Value, Variable
 from ..result.result import Result
 from ..system.system import System
 from ..system.values import start_value
-from .instance import CallError, FmuInstance, value_references
+from .instance import CallError, FmuInstance, loaded, value_references
+from .isolation import simulate_isolated
 from .program import Program, make_program, same_program
 from .run import Progress, Run
+from .signals import Presses, counted
 
 
 def simulate(
@@ -60,14 +58,23 @@ def simulate(
     progress: Progress | None = None,
     debug: bool = False,
     keep_going: bool = False,
+    isolated: bool = False,
+    timeout: float | None = None,
 ) -> Result:
     """Run ``system`` once. ``debug`` lets the FMUs log everything, not only what went wrong.
 
     Values on connections that are not finite, or beyond the type of their input, end the run unless ``keep_going``.
-    Raises DescriptionError, CallError or SignalError (with ``result``), or Interrupted (with ``result``) on Ctrl-C.
+    ``isolated`` runs the FMUs in another process: one that crashes, exits or hangs raises ProcessError. ``timeout`` is
+    then the limit for an FMI call in seconds.
+    Raises DescriptionError; CallError, SignalError or ProcessError (with ``result``, which holds all complete rows); or
+    Interrupted (with ``result``) on Ctrl-C, SIGTERM and SIGHUP.
     """
+    if timeout is not None and not (isolated and timeout > 0.0):
+        raise DescriptionError(f"timeout={timeout}: give a positive number of seconds, and isolated=True.")
     if stop_time is not None or step_size is not None or order is not None:
         system = system.changed(stop_time=stop_time, step_size=step_size, order=order)
+    if isolated:
+        return simulate_isolated(system, progress=progress, debug=debug, keep_going=keep_going, timeout=timeout)
     with Simulation(system, debug=debug, keep_going=keep_going) as simulation:
         return simulation.run(progress=progress)
 
@@ -93,11 +100,7 @@ class Simulation:
         self._resources = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
-        try:
-            self._open()
-        except BaseException:
-            self.close()
-            raise
+        self._slaves = self._resources.enter_context(loaded(self.system, debug=self.debug))
         return self
 
     def __exit__(
@@ -108,9 +111,7 @@ class Simulation:
     def close(self) -> None:
         """Free all instances and delete what was unpacked. Checkpoints end here, too."""
         self._free_saved(self._saved)
-        for slave in self._slaves:
-            slave.free()
-        self._slaves.clear()
+        self._slaves = []
         self._saved = []
         self._program = None
         self._resources.close()
@@ -118,7 +119,7 @@ class Simulation:
     def run(self, system: System | None = None, *, progress: Progress | None = None) -> Result:
         """Run from the start, with another variant of the system if one is given (same instances of the same FMUs)."""
         run = self._ready(self.system if system is None else system)
-        with _watching_for_interrupt() as interrupted:
+        with counted(most=1) as interrupted:
             return run.go(progress, interrupted)
 
     def initialize(self) -> Result:
@@ -126,7 +127,7 @@ class Simulation:
 
         The result has the messages. Raises CallError.
         """
-        return self._ready(self.system).go(None, lambda: False, end=0)
+        return self._ready(self.system).go(None, Presses(), end=0)
 
     def pause(self, time: float, system: System | None = None) -> Checkpoint:
         """Run from the start to ``time`` and keep what there is, for ``resume``.
@@ -137,7 +138,7 @@ class Simulation:
         system = self.system if system is None else system
         point = _point(system, time, least=0)
         run = self._ready(system)
-        with _watching_for_interrupt() as interrupted:
+        with counted(most=1) as interrupted:
             result = run.go(None, interrupted, end=point)
         saved: list[tuple[FmuInstance, Any]] = []
         try:
@@ -172,7 +173,7 @@ class Simulation:
         self.restore(checkpoint)
         run.program.values[:] = checkpoint.values
         run.program.others[:] = checkpoint.others
-        with _watching_for_interrupt() as interrupted:
+        with counted(most=1) as interrupted:
             return run.go_on(values, progress, interrupted)
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -242,17 +243,6 @@ class Simulation:
         for slave, state in saved:
             slave.forget(state)
 
-    def _open(self) -> None:
-        folders: dict[str, tuple[Path, Path]] = {}
-        for number, instance in enumerate(self.system.instances):
-            digest = instance.fmu.digest
-            if digest not in folders:
-                folder = Path(self._resources.enter_context(_temporary_folder()))
-                folders[digest] = folder, instance.fmu.extract(folder)
-            slave = FmuInstance(number, instance, *folders[digest], debug=self.debug)
-            self._slaves.append(slave)
-            slave.load()
-
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -301,29 +291,3 @@ def _changes(system: System, changes: Mapping[str, object]) -> list[tuple[int, V
     if problems:
         raise DescriptionError(problems)
     return found
-
-
-def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True)
-
-
-@contextlib.contextmanager
-def _watching_for_interrupt() -> Generator[Callable[[], bool]]:
-    """Ctrl-C sets a flag instead of raising, so that no instance is left half-stepped; a second one raises."""
-    if threading.current_thread() is not threading.main_thread() or (
-        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    ):
-        yield lambda: False
-        return
-    pressed = threading.Event()
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        if pressed.is_set():
-            signal.default_int_handler(number, frame)
-        pressed.set()
-
-    signal.signal(signal.SIGINT, handle)
-    try:
-        yield pressed.is_set
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)

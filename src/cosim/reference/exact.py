@@ -21,7 +21,7 @@ from scipy.integrate import Radau
 
 from ..errors import DescriptionError
 from ..export.interface import scalars
-from ..model import Component, Controller, Plant, Source, fill
+from ..model import Component, Controller, Plant, Source, unflatten
 from .fmi_ls_ref import Tolerance
 
 RELATIVE_TOLERANCE = 1e-10
@@ -97,7 +97,9 @@ def trace(
     given = validation.inputs(kind) if inputs is None else inputs
     rows = {Plant: _plant, Controller: _controller, Source: _source}
     base = next(base for base in rows if isinstance(component, base))
-    made = rows[base](cast(Any, component), validation, [kind.Input(**fill(kind.Input, iter(row))) for row in given])
+    made = rows[base](
+        cast(Any, component), validation, [kind.Input(**unflatten(kind.Input, iter(row))) for row in given]
+    )
     return [tuple(float(value) for value in output) for output in made]
 
 
@@ -143,7 +145,7 @@ def _integrated(plant: Plant, x: Any, u: Any, start: float, end: float) -> Any:
         whole = list(values)
         for i, value in zip(free, y, strict=True):
             whole[i] = float(value)
-        return state(**fill(state, iter(whole)))
+        return state(**unflatten(state, iter(whole)))
 
     def rate(t: float, y: Any) -> Any:
         derivative = [float(value) for value in plant.derivative(float(t), filled(y), u)]
@@ -163,4 +165,4 @@ def _integrated(plant: Plant, x: Any, u: Any, start: float, end: float) -> Any:
         if problem:
             raise DescriptionError(f"{type(plant).__name__}: Radau stopped at {solver.t:g} s: {problem}")
         values[:] = [float(value) for value in plant.update(float(solver.t), filled(solver.y), u)]
-    return state(**fill(state, iter(values)))
+    return state(**unflatten(state, iter(values)))

@@ -37,7 +37,7 @@ def write(
     Raises DescriptionError if the FMU does not run or leaves a tolerance: then no picture is written.
     """
     kind, source = workspace.component(name), workspace.components()[name]
-    target = folder(source)
+    target = folder(source, name)
     target.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="cosim-") as scratch:
         fmu = read_fmu(build(kind, Path(scratch), workspace.cache))

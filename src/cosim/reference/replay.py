@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
-from ..fmu.archive import checked_members
+from ..fmu.archive import unpack
 from ..fmu.description import ELEMENT
 from ..fmu.xml import parse
 from ..reference import fmi_ls_ref as lsref
@@ -234,7 +234,7 @@ def _verify(path: Path, folder: Path, interface: Interface | None, tolerance: fl
 def _unpack(path: Path, folder: Path) -> None:
     try:
         with zipfile.ZipFile(path) as archive:
-            archive.extractall(folder, checked_members(archive))
+            unpack(archive, folder)
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror or error}).") from None
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
+from ..files import Replacement, check_writable
 from ..units import conversion
 from .metrics import Array, max_abs
 from .summary import Loop, Recorded, loops
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
 """Line colours in order (Okabe and Ito 2008, yellow left out: it is pale on white)."""
+
+
+PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".eps")
+"""Endings of pictures."""
 
 
 POINTS = 4000
@@ -134,7 +139,11 @@ def envelope(x: Array, y: Array, columns: int = POINTS) -> tuple[Array, Array]:
 
 
 def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) -> None:
-    """Write the picture that ``draw`` makes, ``size`` in inches. Raises DescriptionError if it cannot be written."""
+    """Write the picture that ``draw`` makes, ``size`` in inches, whole or not at all.
+
+    Raises DescriptionError for another ending than PICTURES, FileError if it cannot be written.
+    """
+    check_format(path)
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -143,11 +152,20 @@ def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) 
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path)
-        except (OSError, ValueError) as error:
-            raise DescriptionError(f"picture {path}: {error}") from error
+        with Replacement(path) as new:
+            figure.savefig(new.file, format=path.suffix.lower()[1:])
+
+
+def check_format(path: Path) -> None:
+    """Raise DescriptionError unless ``path`` ends as a picture can."""
+    if path.suffix.lower() not in PICTURES:
+        raise DescriptionError(f"{path}: the name of a picture must end in {', '.join(PICTURES)}.")
+
+
+def check_picture(path: Path) -> None:
+    """Raise DescriptionError unless a picture can be written as ``path`` says."""
+    check_format(path)
+    check_writable(path)
 
 
 def _peak(arrays: Sequence[Array]) -> float:

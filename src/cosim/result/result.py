@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
-
-FORMATS = (".csv", ".parquet")
-CSV_ROWS = 50_000
-"""Rows that are turned into text at a time."""
+from .record import Column, RecordWriter
 
 
 @dataclass(frozen=True)
@@ -32,18 +27,6 @@ class Message:
 
     def __str__(self) -> str:
         return f"{self.time:.9g} s {self.instance} [{self.status}] {self.text}"
-
-
-@dataclass(frozen=True)
-class Column:
-    """What a recorded variable is; ``value in display_unit = display_factor*value + display_offset``."""
-
-    name: str
-    unit: str
-    text: str
-    display_unit: str
-    display_factor: float = 1.0
-    display_offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -110,51 +93,14 @@ class Result:
 
     def save(self, path: str | Path) -> Path:
         """Write ``path`` as .csv (comma, quoted names, time first, shortest digits that read back the same) or .parquet
-        (units with each column, metadata with the file; needs pyarrow). Raises DescriptionError, as ``check_output``.
+        (units with each column, metadata with the file; needs pyarrow): whole, or not at all.
+
+        Raises DescriptionError for another ending, FileError if the file cannot be written.
         """
         path = Path(path)
-        check_output(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix.lower() == ".csv":
-            self._write_csv(path)
-        else:
-            import_module("pyarrow.parquet").write_table(self._table(), path)
+        solver = {instance: dict(counts) for instance, counts in self.solver.items()}
+        metadata = {**self.metadata, "partial": self.partial, "solver": solver}
+        with RecordWriter(path, self.columns, metadata) as writer:
+            writer.write(self.time, self.rows)
+            writer.finish({})
         return path
-
-    def _write_csv(self, path: Path) -> None:
-        names = ",".join('"' + name.replace('"', '""') + '"' for name in ("time", *self.names))
-        with path.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(names + "\n")
-            for begin in range(0, self.time.size, CSV_ROWS):
-                part = slice(begin, begin + CSV_ROWS)
-                rows = np.column_stack((self.time[part], self.rows[part])).tolist()
-                file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
-
-    def _table(self) -> Any:
-        """All of it as a pyarrow table."""
-        arrow: Any = import_module("pyarrow")
-        names: Sequence[Column] = (Column("time", "s", "Time", "s"), *self.columns)
-        fields = [
-            arrow.field(
-                c.name, arrow.float64(), metadata={"unit": c.unit, "display_unit": c.display_unit, "text": c.text}
-            )
-            for c in names
-        ]
-        metadata = {key: value if isinstance(value, str) else json.dumps(value) for key, value in self.metadata.items()}
-        metadata["partial"] = json.dumps(self.partial)
-        metadata["solver"] = json.dumps({instance: dict(counts) for instance, counts in self.solver.items()})
-        columns = [self.time, *(np.ascontiguousarray(self.rows[:, i]) for i in range(len(self.columns)))]
-        return arrow.Table.from_arrays([arrow.array(c) for c in columns], schema=arrow.schema(fields, metadata))
-
-
-def check_output(path: Path) -> None:
-    """Raise DescriptionError unless results can be written as ``path`` says."""
-    if path.suffix.lower() not in FORMATS:
-        raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
-    if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
-        raise DescriptionError(
-            f"{path}: to write Parquet needs pyarrow, which is not installed: install motion-cosim[parquet], "
-            "or name a .csv file."
-        )
-    if path.is_dir():
-        raise DescriptionError(f"{path} is a folder. Name a file.")

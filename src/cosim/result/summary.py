@@ -165,7 +165,7 @@ def summary(result: Recorded, start: float | None = None) -> list[Figure]:
     there is not has its reason.
     """
     rows: list[Figure] = []
-    found = list(_loops(result))
+    found = list(_loops(result)) if result.time.size else []
     for loop, reason in found:
         prefix = f"{loop.name}: " if len(found) > 1 else ""
         rows += [Missing(f"{prefix}Position error", reason)] if reason else _loop_rows(result, loop, prefix, start)

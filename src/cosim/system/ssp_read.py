@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 import fmpy.ssp
 
 from ..errors import DescriptionError, suggest
-from ..fmu.archive import checked_members
+from ..fmu.archive import unpack
 from ..fmu.description import read_fmu
 from ..fmu.xml import parse
 from ..units import Unit
@@ -61,8 +61,7 @@ def _unpack(path: Path) -> tuple[bytes, Path]:
         try:
             with zipfile.ZipFile(io.BytesIO(packed)) as archive:
                 archive.filename = path.name
-                for member in checked_members(archive):
-                    archive.extract(member, holder.name)
+                unpack(archive, Path(holder.name))
         except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
             holder.cleanup()
             raise DescriptionError(f"{path.name}: not a readable zip archive ({error}).") from None

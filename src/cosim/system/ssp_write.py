@@ -7,8 +7,6 @@ has no word for (communication step size, order, step multiples, record) stands 
 
 from __future__ import annotations
 
-import os
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -16,6 +14,7 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 from ..errors import DescriptionError
+from ..fmu.archive import write_zip
 from ..fmu.description import Fmu, Value, Variable
 from ..fmu.xml import document
 from ..units import BASE_UNITS
@@ -42,26 +41,13 @@ def write_ssp(system: System, target: str | Path) -> Path:
     target = Path(target)
     files = resource_names(system)
     description = structure(system, {path: f"resources/{name}" for path, name in files.items()})
-    partial = target.with_name(f"{target.name}.{os.getpid()}.part")
+    start = "SystemStructure.ssd"
+    members = {start: description, **{f"resources/{name}": path for path, name in files.items()}}
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with zipfile.ZipFile(partial, "w") as archive:
-            _add(archive, "SystemStructure.ssd", description, zipfile.ZIP_DEFLATED)
-            for path, name in sorted(files.items(), key=lambda item: item[1]):
-                _add(archive, f"resources/{name}", path.read_bytes(), zipfile.ZIP_STORED)
-        partial.replace(target)
+        write_zip(target, members, start, deflated=(start,))
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise DescriptionError(f"{target}: cannot be written ({error.strerror}).") from None
     return target
-
-
-def _add(archive: zipfile.ZipFile, name: str, content: bytes, method: int) -> None:
-    entry = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))
-    entry.create_system = 3
-    entry.external_attr = 0o644 << 16
-    entry.compress_type = method
-    archive.writestr(entry, content)
 
 
 def resource_names(system: System) -> dict[Path, str]:

@@ -57,7 +57,7 @@ def table(count: int = 128) -> tuple[np.ndarray, np.ndarray, float]:
         worst = max(range(1, len(chosen) - 1), key=lambda i: chord_error(error, rate, chosen[i], chosen[i + 1]))
         chosen.insert(worst + 1, (chosen[worst] + chosen[worst + 1]) // 2)
     nodes = [np.array([float(f"{value:.9e}") for value in curve[chosen]]) for curve in (error, rate)]
-    inside = np.interp(error[1:], *nodes)
+    inside = np.interp(error[1:], nodes[0], nodes[1])
     return nodes[0], nodes[1], float(np.max(np.abs(inside / rate[1:] - 1.0)))
 
 

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "contract.h"
 #include "fmi2.h"
 
 #if defined _WIN32
@@ -64,27 +65,30 @@ typedef struct {
     fmi2Component slave;
     void *library;
     int dead;          /* Python left by an exception: PythonFMU has given its objects away, nothing may be called */
-    int logging;
-    unsigned categories;
+    unsigned categories; /* bit of each category that is logged */
     fmi2Status worst;  /* of the messages of the call in progress */
     fmi2Real reached;  /* s, end of the last step done */
     char guid[GUID_BYTES];
     char *name;
 } Instance;
 
-static const char *const category_names[] = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logAll"};
-enum { LOG_WARNING, LOG_DISCARD, LOG_ERROR, LOG_ALL, N_CATEGORIES };
+#define EVERY_CATEGORY ~0u
+/* FMI lets an importer switch off what helps to find errors, not the errors. */
+#define ONLY_ERRORS (1u << LOG_ERROR)
 
 /* ---- messages ---- */
 
 static void deliver(const Instance *instance, fmi2Status status, const char *text) {
     const unsigned category = status == fmi2Warning ? LOG_WARNING : status == fmi2Discard ? LOG_DISCARD : LOG_ERROR;
-    if (!instance->logging || !instance->importer.logger) return;
+    if (!instance->importer.logger) return;
     if (!(instance->categories & (1u << category | 1u << LOG_ALL))) return;
     instance->importer.logger(instance->importer.componentEnvironment, instance->name, status, category_names[category],
                               text);
 }
 
+#if defined __clang__ || defined __GNUC__
+__attribute__((format(printf, 3, 4)))
+#endif
 static void say(const Instance *instance, fmi2Status status, const char *format, ...) {
     char text[2 * MAX_PATH_BYTES];
     va_list arguments;
@@ -127,7 +131,7 @@ static fmi2Status finish(Instance *instance, fmi2Status status) {
 
 static int missing(Instance *instance, const void *pointer, size_t n, const char *function) {
     if (pointer || n == 0) return 0;
-    say(instance, fmi2Error, "%s: an argument is NULL. Pass an array of %lu elements.", function, (unsigned long)n);
+    say(instance, fmi2Error, SAY_NULL_ARGUMENT, function, (unsigned long)n);
     return 1;
 }
 
@@ -322,6 +326,7 @@ FMI2_EXPORT void fmi2FreeInstance(fmi2Component c) {
 FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                           const fmi2CallbackFunctions *callbacks, fmi2Boolean visible,
                                           fmi2Boolean logging) {
+    static const char function[] = "fmi2Instantiate";
     char folder[MAX_PATH_BYTES];
     Instance *instance;
     const size_t length = strlen(name ? name : "") + 1;
@@ -332,19 +337,17 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     memcpy(instance->name, name ? name : "", length);
     instance->importer = *callbacks;
     instance->own.logger = receive;
-    instance->own.allocateMemory = callbacks->allocateMemory;
-    instance->own.freeMemory = callbacks->freeMemory;
+    instance->own.allocateMemory = calloc; /* never the importer's: some hosts have broken ones */
+    instance->own.freeMemory = free;
     instance->own.componentEnvironment = instance;
-    instance->logging = 1; /* a refusal to exist is always said */
-    instance->categories = ~0u;
+    instance->categories = EVERY_CATEGORY; /* a refusal to exist is always said */
     if (!*instance->name) {
-        say(instance, fmi2Error, "fmi2Instantiate: the instance name is empty. Give one.");
+        say(instance, fmi2Error, SAY_NO_NAME, function);
     } else if (type != fmi2CoSimulation) {
-        say(instance, fmi2Error, "fmi2Instantiate: this is a co-simulation FMU. Instantiate it with fmi2CoSimulation.");
+        say(instance, fmi2Error, SAY_CO_SIMULATION_ONLY, function);
     } else if (resource_folder(instance, resources, folder) && read_guid(instance, folder)) {
         if (!guid || strcmp(guid, instance->guid) != 0)
-            say(instance, fmi2Error, "fmi2Instantiate: guid is '%s', this FMU has '%s'. Use the modelDescription.xml of this "
-                "FMU.", guid ? guid : "", instance->guid);
+            say(instance, fmi2Error, SAY_WRONG_TOKEN, function, guid ? guid : "", instance->guid);
         else if (load_slave(instance))
             instance->slave = instance->slave_functions.Instantiate(instance->name, type, guid, folder, &instance->own, visible,
                                                                     fmi2True);
@@ -353,26 +356,25 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
         fmi2FreeInstance(instance);
         return NULL;
     }
-    instance->logging = logging != 0;
+    instance->categories = logging ? EVERY_CATEGORY : ONLY_ERRORS;
     return instance;
 }
 
 FMI2_EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String names[]) {
+    static const char function[] = "fmi2SetDebugLogging";
     Instance *instance = c;
     unsigned categories = 0;
-    if (unusable(instance) || missing(instance, names, n, "fmi2SetDebugLogging")) return fmi2Error;
+    if (unusable(instance) || missing(instance, names, n, function)) return fmi2Error;
     for (size_t i = 0; i < n; i++) {
         unsigned k = 0;
         while (k < N_CATEGORIES && (!names[i] || strcmp(names[i], category_names[k]) != 0)) k++;
         if (k == N_CATEGORIES) {
-            say(instance, fmi2Error, "fmi2SetDebugLogging: unknown category '%s'. Use those of modelDescription.xml.",
-                names[i] ? names[i] : "");
+            say(instance, fmi2Error, SAY_UNKNOWN_CATEGORY, function, names[i] ? names[i] : "");
             return fmi2Error;
         }
         categories |= 1u << k;
     }
-    instance->logging = on != 0;
-    instance->categories = n ? categories : ~0u;
+    instance->categories = !on ? ONLY_ERRORS : n ? categories : EVERY_CATEGORY;
     return fmi2OK;
 }
 
@@ -427,19 +429,21 @@ VALUES(SetInteger, const fmi2Integer)
 VALUES(SetBoolean, const fmi2Boolean)
 VALUES(SetString, const fmi2String)
 
-static fmi2Status not_provided(Instance *instance, size_t n, const char *text) {
-    if (unusable(instance)) return fmi2Error;
-    if (n == 0) return fmi2OK;
-    say(instance, fmi2Error, "%s", text);
-    return fmi2Error;
-}
+/* For calls that only n == 0 variables can be passed to; the text begins with the function. */
+#define NOT_PROVIDED(instance, n, text, function)        \
+    do {                                                 \
+        if (unusable(instance)) return fmi2Error;        \
+        if ((n) == 0) return fmi2OK;                     \
+        say(instance, fmi2Error, text, function);        \
+        return fmi2Error;                                \
+    } while (0)
 
 FMI2_EXPORT fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,
                                                    const fmi2Integer orders[], const fmi2Real values[]) {
     (void)references;
     (void)orders;
     (void)values;
-    return not_provided(c, n, "fmi2SetRealInputDerivatives: inputs are held over a step (canInterpolateInputs is false).");
+    NOT_PROVIDED(c, n, SAY_NO_INPUT_DERIVATIVES, "fmi2SetRealInputDerivatives");
 }
 
 FMI2_EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,
@@ -447,7 +451,7 @@ FMI2_EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2V
     (void)references;
     (void)orders;
     (void)values;
-    return not_provided(c, n, "fmi2GetRealOutputDerivatives: not provided (maxOutputDerivativeOrder is 0).");
+    NOT_PROVIDED(c, n, SAY_NO_OUTPUT_DERIVATIVES, "fmi2GetRealOutputDerivatives");
 }
 
 FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t n_unknown,
@@ -458,7 +462,8 @@ FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
     (void)n_known;
     (void)seed;
     (void)result;
-    return not_provided(c, n_unknown, "fmi2GetDirectionalDerivative: not provided by the Python flavour. Take the native FMU.");
+    NOT_PROVIDED(c, n_unknown, "%s: not provided by the Python flavour. Take the native FMU.",
+                 "fmi2GetDirectionalDerivative");
 }
 
 /* ---- FMU state ---- */
@@ -466,8 +471,23 @@ FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
 /* In front of the slave's own bytes. */
 typedef struct {
     char guid[GUID_BYTES];
-    unsigned long long size;
+    unsigned long long version;
+    unsigned long long size;     /* of head and bytes */
+    unsigned long long checksum; /* of head, without it, and bytes */
 } Head;
+#define STATE_VERSION 2
+
+/* FNV-1a. A byte that differs gives another sum for certain, for all that follows is one to one. */
+static unsigned long long added(unsigned long long sum, const void *content, size_t size) {
+    const unsigned char *bytes = content;
+    for (size_t i = 0; i < size; i++) sum = (sum ^ bytes[i]) * 1099511628211ull;
+    return sum;
+}
+
+static unsigned long long checksum(const Head *head, const fmi2Byte *bytes) {
+    const unsigned long long sum = added(14695981039346656037ull, head, offsetof(Head, checksum));
+    return added(sum, bytes, (size_t)head->size - sizeof *head);
+}
 
 FMI2_EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *saved) {
     Instance *instance = c;
@@ -505,34 +525,42 @@ FMI2_EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate 
 
 FMI2_EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate saved, fmi2Byte bytes[], size_t size) {
     Instance *instance = c;
+    static const char function[] = "fmi2SerializeFMUstate";
+    fmi2Status status;
     Head head;
     size_t needed;
-    if (unusable(instance) || missing(instance, bytes, size, "fmi2SerializeFMUstate")) return fmi2Error;
+    if (unusable(instance) || missing(instance, bytes, size, function)) return fmi2Error;
     if (fmi2SerializedFMUstateSize(c, saved, &needed) != fmi2OK) return fmi2Error;
     if (size < needed) {
-        say(instance, fmi2Error, "fmi2SerializeFMUstate: %lu bytes are too few. Give fmi2SerializedFMUstateSize, %lu.",
-            (unsigned long)size, (unsigned long)needed);
+        say(instance, fmi2Error, SAY_FEW_BYTES, function, (unsigned long)size, (unsigned long)needed);
         return fmi2Error;
     }
     memset(&head, 0, sizeof head);
     memcpy(head.guid, instance->guid, sizeof head.guid);
     head.size = needed;
+    head.version = STATE_VERSION;
+    status = finish(instance, instance->slave_functions.SerializeFMUstate(instance->slave, saved, bytes + sizeof head,
+                                                                          needed - sizeof head));
+    head.checksum = checksum(&head, bytes + sizeof head);
     memcpy(bytes, &head, sizeof head);
-    return finish(instance, instance->slave_functions.SerializeFMUstate(instance->slave, saved, bytes + sizeof head,
-                                                                        needed - sizeof head));
+    return status;
 }
 
 FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *saved) {
     Instance *instance = c;
+    static const char function[] = "fmi2DeSerializeFMUstate";
     Head head;
-    if (unusable(instance) || missing(instance, bytes, size, "fmi2DeSerializeFMUstate") ||
-        missing(instance, saved, 1, "fmi2DeSerializeFMUstate"))
+    if (unusable(instance) || missing(instance, bytes, size, function) || missing(instance, saved, 1, function))
         return fmi2Error;
     memset(&head, 0, sizeof head);
     if (size >= sizeof head) memcpy(&head, bytes, sizeof head);
-    if (head.size < sizeof head || head.size > size || memcmp(head.guid, instance->guid, sizeof head.guid) != 0) {
-        say(instance, fmi2Error, "fmi2DeSerializeFMUstate: these %lu bytes are no state of this FMU. Pass what "
-            "fmi2SerializeFMUstate of the same FMU and platform gave.", (unsigned long)size);
+    if (head.size < sizeof head || head.size > size || head.version != STATE_VERSION ||
+        memcmp(head.guid, instance->guid, sizeof head.guid) != 0) {
+        say(instance, fmi2Error, SAY_NO_STATE_BYTES, function, (unsigned long)size);
+        return fmi2Error;
+    }
+    if (head.checksum != checksum(&head, bytes + sizeof head)) {
+        say(instance, fmi2Error, SAY_DAMAGED_BYTES, function, (unsigned long)size);
         return fmi2Error;
     }
     if (fmi2FreeFMUstate(c, saved) != fmi2OK) return fmi2Error;
@@ -545,7 +573,7 @@ FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b
 #define NO_EXCHANGE(function, ...)                                                                       \
     FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__);                                                  \
     FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__) {                                                 \
-        return not_provided(c, 1, "fmi2" #function ": the Python flavour is for co-simulation. Take the native FMU."); \
+        NOT_PROVIDED(c, 1, "%s: the Python flavour is for co-simulation. Take the native FMU.", "fmi2" #function); \
     }
 #pragma clang diagnostic push
 #pragma clang diagnostic ignored "-Wunused-parameter"
@@ -564,14 +592,14 @@ NO_EXCHANGE(GetNominalsOfContinuousStates, fmi2Component c, fmi2Real nominals[],
 /* ---- status of a step ---- */
 
 FMI2_EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {
-    return not_provided(c, 1, "fmi2CancelStep: no step is in progress, fmi2DoStep returns when it is done.");
+    NOT_PROVIDED(c, 1, SAY_NO_STEP_IN_PROGRESS, "fmi2CancelStep");
 }
 
 FMI2_EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
     Instance *instance = c;
     if (unusable(instance) || missing(instance, value, 1, "fmi2GetRealStatus")) return fmi2Error;
     if (kind != fmi2LastSuccessfulTime) {
-        say(instance, fmi2Discard, "fmi2GetRealStatus: only fmi2LastSuccessfulTime is known.");
+        say(instance, fmi2Discard, SAY_ONLY_STATUS, "fmi2GetRealStatus", "fmi2LastSuccessfulTime");
         return fmi2Discard;
     }
     *value = instance->reached;
@@ -582,7 +610,7 @@ FMI2_EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKin
     Instance *instance = c;
     if (unusable(instance) || missing(instance, value, 1, "fmi2GetBooleanStatus")) return fmi2Error;
     if (kind != fmi2Terminated) {
-        say(instance, fmi2Discard, "fmi2GetBooleanStatus: only fmi2Terminated is known.");
+        say(instance, fmi2Discard, SAY_ONLY_STATUS, "fmi2GetBooleanStatus", "fmi2Terminated");
         return fmi2Discard;
     }
     *value = fmi2False; /* the component never asks to end the simulation */
@@ -591,7 +619,7 @@ FMI2_EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKin
 
 static fmi2Status no_status(Instance *instance, const char *function) {
     if (unusable(instance)) return fmi2Error;
-    say(instance, fmi2Discard, "%s: fmi2DoStep never returns fmi2Pending, there is no such status.", function);
+    say(instance, fmi2Discard, SAY_NEVER_PENDING, function);
     return fmi2Discard;
 }
 

@@ -19,28 +19,29 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, cast
 
-from ...model import Component, Controller, Plant, Record, Source, fill
-from ..interface import Variable, ordered_states, scalars, variables_of
+from ...model import Component, Controller, Plant, Record, Source, unflatten
+from .. import contract
+from ..contract import (
+    BEFORE,
+    DISCARD,
+    ERROR,
+    EVALUATED,
+    FAILED,
+    INITIALIZATION,
+    INSTANTIATED,
+    LEGAL,
+    LIMITS,
+    REASONS,
+    STEP_COMPLETE,
+    STEP_FAILED,
+    TERMINATED,
+    WARNING,
+)
+from ..interface import Variable, gap_rules, ordered_states, scalars, unchecked, variables_of
+from .ticks import EPSILON, Ticks
 
-OK, WARNING, DISCARD, ERROR = range(4)
-CATEGORIES = {WARNING: "logStatusWarning", DISCARD: "logStatusDiscard", ERROR: "logStatusError"}
-
-INSTANTIATED, INITIALIZATION, STEP_COMPLETE, STEP_FAILED, TERMINATED, FAILED = (1 << k for k in range(6))
-PHASES = {
-    INSTANTIATED: "instantiated",
-    INITIALIZATION: "initialization mode",
-    STEP_COMPLETE: "step complete",
-    STEP_FAILED: "step failed",
-    TERMINATED: "terminated",
-    FAILED: "error",
-}
-BEFORE = INSTANTIATED | INITIALIZATION
-READABLE = INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | FAILED
-WRITABLE = INSTANTIATED | INITIALIZATION | STEP_COMPLETE
-ANY = INSTANTIATED | READABLE
-
-MAX_STEPS = 10_000_000
-EPSILON = sys.float_info.epsilon
+CATEGORIES = dict(zip((WARNING, DISCARD, ERROR), contract.CATEGORIES, strict=False))
+PHASES = dict(zip((1 << k for k in range(len(contract.PHASES))), contract.PHASES.values(), strict=True))
 
 
 class Message(NamedTuple):
@@ -52,11 +53,11 @@ class Message(NamedTuple):
 
 
 class Refusal(Exception):
-    """Ends a call with a status and a message."""
+    """Ends a call with a status and a message of the contract."""
 
-    def __init__(self, status: int, text: str) -> None:
-        self.status, self.text = status, text
-        super().__init__(text)
+    def __init__(self, status: int, name: str, *arguments: object) -> None:
+        self.status, self.text = status, contract.message(name, *arguments)
+        super().__init__(self.text)
 
 
 class MissingPackage(Exception):
@@ -76,7 +77,8 @@ class Memory:
     time: float = 0.0
     stop: float = math.inf
     tolerance: float = 0.0
-    sample: int = 0
+    steps: int = 0
+    count: Ticks = field(default_factory=Ticks)
     counts: list[int] = field(default_factory=lambda: [0] * 5)
     phase: int = INSTANTIATED
     tolerance_set: bool = False
@@ -114,6 +116,9 @@ class Interface:
         self.from_record = [declared.index(name) for name in ordered]
         self.nominals = [scalar.declaration.nominal for scalar in states[: self.n_continuous]]
         self.references = {variable.name: variable.reference for variable in self.variables}
+        self.gaps = gap_rules(kind)
+        self.whole_states = [(i, v) for i, v in enumerate(self.variables[self.states]) if v.type != "Real"]
+        self.whole_inputs = [(i, v) for i, v in enumerate(self.variables[self.inputs]) if v.type != "Real"]
 
 
 @cache
@@ -123,9 +128,10 @@ def interface(kind: type[Component]) -> Interface:
 
 
 def value_of(variable: Variable, number: float) -> Any:
-    """What a component's field holds for the number an FMU holds."""
+    """What a component's field holds for the number an FMU holds; its start value for a number without a member."""
     if variable.choice is not None:
-        return next(item for item in variable.choice if item.number == int(number))
+        known = {item.number: item for item in variable.choice}
+        return known.get(int(number), known[int(variable.start)])
     return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
 
 
@@ -151,15 +157,19 @@ class Instance:
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """fmi2SetupExperiment; None is not defined."""
-        self.guard("fmi2SetupExperiment", INSTANTIATED, lambda say: self.set_up(say, start_time, stop_time, tolerance))
+
+        def keep(function: str) -> None:
+            self.set_up(function, start_time, stop_time, tolerance)
+
+        self.guard("fmi2SetupExperiment", LEGAL["SET_UP"], keep)
 
     def enter_initialization_mode(self) -> None:
         """fmi2EnterInitializationMode."""
-        self.guard("fmi2EnterInitializationMode", INSTANTIATED, self.enter)
+        self.guard("fmi2EnterInitializationMode", LEGAL["ENTER_INITIALIZATION"], self.enter)
 
     def exit_initialization_mode(self) -> None:
         """fmi2ExitInitializationMode."""
-        self.guard("fmi2ExitInitializationMode", INITIALIZATION, self.leave)
+        self.guard("fmi2ExitInitializationMode", LEGAL["EXIT_INITIALIZATION"], self.leave)
 
     def terminate(self) -> None:
         """fmi2Terminate."""
@@ -167,11 +177,11 @@ class Instance:
         def end(function: str) -> None:
             self.memory.phase = TERMINATED
 
-        self.guard("fmi2Terminate", STEP_COMPLETE | STEP_FAILED, end)
+        self.guard("fmi2Terminate", LEGAL["TERMINATE"], end)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """fmi2DoStep; False if it is to be discarded or was wrong."""
-        self.guard("fmi2DoStep", STEP_COMPLETE, lambda function: self.advance(function, current_time, step_size))
+        self.guard("fmi2DoStep", LEGAL["STEP"], lambda function: self.advance(function, current_time, step_size))
         return not self.log_queue
 
     def get_real(self, vrs: Sequence[int]) -> list[float]:
@@ -211,15 +221,35 @@ class Instance:
 
     def _set_fmu_state(self, state: Mapping[str, Any]) -> None:
         def restore(function: str) -> None:
-            copied: dict[str, Any] = {
-                k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()
-            }
-            memory = Memory(**copied)
-            if len(memory.v) != len(self.memory.v) or len(memory.next) != len(self.memory.next):
-                raise Refusal(ERROR, f"{function}: this is no state of {self.kind.__name__}.")
+            memory = self.memory_of(state)
+            if memory is None:
+                raise Refusal(ERROR, "NO_STATE", function, self.kind.__name__)
             self.memory, self.made = memory, None
 
-        self.guard("fmi2SetFMUstate", ANY, restore)
+        self.guard("fmi2SetFMUstate", LEGAL["HANDLE_STATE"], restore)
+
+    def memory_of(self, state: Mapping[str, Any]) -> Memory | None:
+        """The memory of saved values, or None if no instance of this FMU can go on with them."""
+        copied: dict[str, Any] = {k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()}
+        try:
+            copied["count"] = Ticks(**copied["count"])
+            memory = Memory(**copied)
+            values: list[Any] = [*memory.v, *memory.next]
+            given = zip(self.face.variables[: self.face.states.start], memory.v, strict=False)
+            sound = (
+                len(memory.v) == len(self.memory.v)
+                and len(memory.next) == len(self.memory.next)
+                and len(memory.counts) == len(self.memory.counts)
+                and memory.phase in PHASES
+                and all(math.isfinite(value) and v.min <= value <= v.max for v, value in given)
+                and all(isinstance(value, float | int) for value in values)
+                and all(math.isfinite(value) for value in (memory.start, memory.time, memory.tolerance))
+                and memory.stop > memory.start
+                and memory.count.is_sound()
+            )
+        except (KeyError, TypeError, ValueError, OverflowError):
+            return None
+        return memory if sound else None
 
     @staticmethod
     def _fmu_state_to_bytes(state: Mapping[str, Any]) -> bytes:
@@ -242,11 +272,7 @@ class Instance:
         """Run one FMI call where it is legal. Whatever goes wrong becomes a message; an error fails the instance."""
         memory = self.memory
         if not memory.phase & phases:
-            self.say(
-                ERROR,
-                f"{function}: not allowed in state '{PHASES[memory.phase]}'. Follow the FMI 2.0 calling sequence, or "
-                "reset the instance.",
-            )
+            self.say(ERROR, contract.message("NOT_ALLOWED", function, PHASES[memory.phase]))
             memory.phase = FAILED
             return
         try:
@@ -263,19 +289,12 @@ class Instance:
     def checked(self, function: str, reference: int, types: Sequence[str]) -> Variable:
         """The variable of a value reference, which must have one of the types."""
         if not 0 <= reference < len(self.face.variables):
-            raise Refusal(
-                ERROR,
-                f"{function}: unknown value reference {reference}. {self.kind.__name__} has 0 to "
-                f"{len(self.face.variables) - 1}.",
-            )
+            last = len(self.face.variables) - 1
+            raise Refusal(ERROR, "UNKNOWN_REFERENCE", function, reference, self.kind.__name__, last)
         variable = self.face.variables[reference]
         if variable.type not in types:
             kind = "Integer" if variable.type == "Enumeration" else variable.type
-            raise Refusal(
-                ERROR,
-                f"{function}: {variable.name} (value reference {reference}) is of type {kind}. Use fmi2Get{kind} or "
-                f"fmi2Set{kind}.",
-            )
+            raise Refusal(ERROR, "WRONG_TYPE", function, variable.name, reference, kind, kind, kind)
         return variable
 
     # Life cycle
@@ -284,14 +303,10 @@ class Instance:
         """Keep times and tolerance."""
         memory = self.memory
         if not math.isfinite(start) or (stop is not None and not (math.isfinite(stop) and stop > start)):
-            raise Refusal(
-                ERROR,
-                f"{function}: start time {start:g} s, stop time {start if stop is None else stop:g} s: give finite "
-                "times, stop after start.",
-            )
+            raise Refusal(ERROR, "WRONG_TIMES", function, start, start if stop is None else stop)
         if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
-            raise Refusal(ERROR, f"{function}: tolerance {tolerance:g}: give a positive number.")
-        memory.start = memory.time = start
+            raise Refusal(ERROR, "WRONG_TOLERANCE", function, tolerance)
+        memory.start = memory.time = memory.count.origin = start
         memory.stop = math.inf if stop is None else stop
         memory.tolerance = tolerance or 0.0
         memory.parameters_dirty = True
@@ -307,16 +322,15 @@ class Instance:
             memory.parameters_dirty = True
 
     def leave(self, function: str) -> None:
-        """Check what parameters must hold together, and the initial state."""
-        memory = self.memory
+        """Check what parameters must hold together, and the initial values."""
+        memory, face = self.memory, self.face
         rule = self.broken_rule()
         if rule:
-            raise Refusal(ERROR, f"{function}: {rule}")
-        self.refresh_parameters()
-        for offset, value in enumerate(memory.v[self.face.states]):
+            raise Refusal(ERROR, "BROKEN_RULES", function, rule)
+        self.refresh(True)
+        for offset, value in enumerate(memory.v[face.states.start : face.derivatives.stop]):
             if not math.isfinite(value):
-                name = self.face.variables[self.face.states.start + offset].name
-                raise Refusal(ERROR, f"{function}: the initial {name} is not finite. Check the parameters.")
+                raise Refusal(ERROR, "INITIAL_NOT_FINITE", function, face.variables[face.states.start + offset].name)
         self.touch()
         memory.phase = STEP_COMPLETE
 
@@ -328,15 +342,18 @@ class Instance:
 
         def read(function: str) -> None:
             wanted = [self.checked(function, reference, types) for reference in references]
-            if self.memory.phase & (INITIALIZATION | STEP_COMPLETE | STEP_FAILED):
+            if self.memory.phase & EVALUATED:
                 self.refresh(any(variable.role == "derivative" for variable in wanted))
             for variable in wanted:
                 if variable.role == "counter":
                     values.append(min(self.memory.counts[variable.reference - self.face.counter_0], 2**31 - 1))
                 else:
-                    values.append(convert(self.memory.v[variable.reference]))
+                    value = self.memory.v[variable.reference]
+                    if not math.isfinite(value):
+                        raise Refusal(DISCARD, "RESULT_NOT_FINITE", function, variable.name, self.memory.time)
+                    values.append(convert(value))
 
-        self.guard(function, READABLE, read)
+        self.guard(function, LEGAL["GET"], read)
         return values if len(values) == len(references) else [convert(0) for _ in references]
 
     def set(self, function: str, types: Sequence[str], references: Sequence[int], values: Sequence[float]) -> None:
@@ -352,28 +369,23 @@ class Instance:
                         raise
                     self.say(refusal.status, refusal.text)
 
-        self.guard(function, WRITABLE, write)
+        self.guard(function, LEGAL["SET"], write)
 
     def set_one(self, function: str, variable: Variable, value: float) -> None:
         """Set one variable or refuse its value."""
         memory, reference = self.memory, variable.reference
         previous = memory.v[reference]
+        name, unit = variable.name, variable.unit
+        if variable.role in ("fixed", "tunable") and not memory.phase & BEFORE and value == previous:
+            return  # some importers set all parameters again
         if variable.role not in ("input", "tunable") and not (variable.role == "fixed" and memory.phase & BEFORE):
-            reason = (
-                "is a fixed parameter. Set it before initialization ends"
-                if variable.role == "fixed"
-                else "is computed by the FMU. Set inputs and parameters only"
-            )
-            raise Refusal(ERROR, f"{function}: {variable.name} {reason}.")
-        kept = f"The previous value {previous:g} is kept."
+            raise Refusal(ERROR, "FIXED" if variable.role == "fixed" else "COMPUTED", function, name)
         if not math.isfinite(value):
-            raise Refusal(DISCARD, f"{function}: {variable.name} = {value:g} {variable.unit}: must be finite. {kept}")
-        if not variable.min <= value <= variable.max:
-            side, bound = (
-                ("below its minimum", variable.min) if value < variable.min else ("above its maximum", variable.max)
-            )
-            found = f"{variable.name} = {value:.17g} {variable.unit}"
-            raise Refusal(DISCARD, f"{function}: {found}: {side} {bound:.17g} {variable.unit}. {kept}")
+            raise Refusal(DISCARD, "NOT_FINITE", function, name, value, unit, previous)
+        if value < variable.min:
+            raise Refusal(DISCARD, "BELOW_MINIMUM", function, name, value, unit, variable.min, unit, previous)
+        if value > variable.max:
+            raise Refusal(DISCARD, "ABOVE_MAXIMUM", function, name, value, unit, variable.max, unit, previous)
         memory.v[reference] = value
         self.touch()
         if variable.role == "input":
@@ -384,7 +396,7 @@ class Instance:
         rule = self.broken_rule() if memory.phase == STEP_COMPLETE else ""
         if rule:
             memory.v[reference] = previous
-            raise Refusal(DISCARD, f"{function}: {variable.name} = {value:g} {variable.unit}: {rule} {kept}")
+            raise Refusal(DISCARD, "BREAKS_RULE", function, name, value, unit, rule, previous)
 
     # Evaluation
 
@@ -392,14 +404,14 @@ class Instance:
         """The component with the parameters of now, its bounds and rules not checked again."""
         if self.made is None:
             values = zip(self.face.variables, self.memory.v[self.face.parameters], strict=False)
-            fields = fill(self.kind, iter([value_of(variable, number) for variable, number in values]))
-            self.made = object.__new__(self.kind)
-            for name, value in fields.items():
-                object.__setattr__(self.made, name, value)
+            self.made = unchecked(self.kind, (value_of(variable, number) for variable, number in values))
         return self.made
 
     def broken_rule(self) -> str:
         """The text of the first condition between parameters that does not hold, or ``""``."""
+        gap = next((gap for gap in self.face.gaps if self.memory.v[gap.reference] not in gap.numbers), None)
+        if gap is not None:
+            return gap.text
         self.made = None
         component = self.component()
         self.made = None
@@ -407,11 +419,13 @@ class Instance:
 
     def state(self, values: Sequence[float]) -> Record:
         """The ``State`` of ordered values."""
-        return self.kind.State(**fill(self.kind.State, (values[i] for i in self.face.to_record)))
+        typed = with_types(values, self.face.whole_states)
+        return self.kind.State(**unflatten(self.kind.State, (typed[i] for i in self.face.to_record)))
 
     def input(self) -> Record:
         """The ``Input`` of now."""
-        return self.kind.Input(**fill(self.kind.Input, iter(self.memory.v[self.face.inputs])))
+        values = with_types(self.memory.v[self.face.inputs], self.face.whole_inputs)
+        return self.kind.Input(**unflatten(self.kind.Input, iter(values)))
 
     def states_of(self, call: Callable[[], Any]) -> list[float]:
         """Ordered values of the ``State`` that ``call`` gives."""
@@ -436,7 +450,7 @@ class Instance:
         if memory.outputs_dirty:
             n = face.outputs.stop - face.outputs.start
             if isinstance(component, Controller):
-                if abs(memory.time - self.sampling_instant()) <= self.same_instant():
+                if memory.count.at_instant(self.sampling_time(), memory.time):
                     self.take_sample()
             elif isinstance(component, Source):
                 memory.v[face.outputs] = numbers(lambda: component.output(memory.time), n)
@@ -462,19 +476,14 @@ class Instance:
         """``T_s``."""
         return self.memory.v[self.face.references["T_s"]]
 
-    def sampling_instant(self) -> float:
-        """Time of the coming sample."""
-        return self.memory.start + self.memory.sample * self.sampling_time()
-
-    def same_instant(self) -> float:
-        """Two times are one sampling instant if they differ by rounding only."""
-        T_s = self.sampling_time()
-        return min(1e-6 * T_s + 8.0 * EPSILON * abs(self.memory.time), 0.25 * T_s)
+    def sample_time(self) -> float:
+        """Time of the coming sample, for the equations."""
+        return self.memory.start + self.memory.count.sample * self.sampling_time()
 
     def take_sample(self) -> None:
         """Outputs of the coming sample, and the state after it."""
         memory, face, component = self.memory, self.face, self.component()
-        t, x, u = self.sampling_instant(), self.state(memory.v[face.states]), self.input()
+        t, x, u = self.sample_time(), self.state(memory.v[face.states]), self.input()
         found: list[Any] = []
 
         def output() -> Any:
@@ -493,51 +502,57 @@ class Instance:
     def advance(self, function: str, time: float, step: float) -> None:
         """One communication step."""
         memory = self.memory
-        if not (math.isfinite(step) and step > 0.0):
-            raise Refusal(ERROR, f"{function}: communication step size {step:g} s. Give a positive, finite one.")
+        if not (math.isfinite(step) and step > 0.0) or math.isinf(time + step):
+            raise Refusal(ERROR, "STEP_SIZE", function, step)
         if not abs(time - memory.time) <= 1e-6 * step + 8.0 * EPSILON * abs(memory.time):
-            raise Refusal(
-                ERROR,
-                f"{function}: current communication point {time:.17g} s, but the instance is at {memory.time:.17g} s. "
-                "Continue where the last step ended, or set an FMU state.",
-            )
+            raise Refusal(ERROR, "WRONG_POINT", function, time, memory.time)
         end = time + step
-        if end > memory.stop + 1e-6 * step + 8.0 * EPSILON * abs(memory.stop):
-            raise Refusal(
-                ERROR,
-                f"{function}: the step ends at {end:.17g} s, behind the stop time {memory.stop:.17g} s given in "
-                "fmi2SetupExperiment. Set a later stop time or none.",
-            )
+        # the time of an importer that adds up may be off by the rounding of each sum
+        if end > memory.stop + 1e-6 * step + (8.0 + memory.steps) * EPSILON * abs(memory.stop):
+            raise Refusal(ERROR, "BEHIND_STOP", function, end, memory.stop)
         self.refresh_parameters()
         memory.time = time
+        memory.steps += 1
         if issubclass(self.kind, Controller):
-            self.run_samples(function, end)
+            self.run_samples(function, step)
             memory.outputs_dirty = False
         else:
             if issubclass(self.kind, Plant):
                 self.integrate(function, end)
             memory.outputs_dirty = memory.derivatives_dirty = True
         memory.time = end
+        if not issubclass(self.kind, Controller):
+            self.check_outputs(function, time)
 
-    def run_samples(self, function: str, end: float) -> None:
-        """All samples before ``end``."""
-        memory, face = self.memory, self.face
-        while self.sampling_instant() < end - self.same_instant():
+    def check_outputs(self, function: str, before: float) -> None:
+        """Refuse the step from ``before`` on if an output is not finite at its end."""
+        memory = self.memory
+        self.refresh(False)
+        for variable in self.face.variables[self.face.outputs]:
+            if not math.isfinite(memory.v[variable.reference]):
+                end, memory.time, memory.phase = memory.time, before, STEP_FAILED
+                raise Refusal(DISCARD, "RESULT_NOT_FINITE", function, variable.name, end)
+
+    def run_samples(self, function: str, step: float) -> None:
+        """All samples of a step."""
+        memory, face, T_s = self.memory, self.face, self.sampling_time()
+        samples = memory.count.begin(T_s, memory.time, step)
+        if samples > LIMITS["SAMPLES"]:
+            memory.phase = STEP_FAILED
+            raise Refusal(DISCARD, "TOO_MANY_SAMPLES", function, step, samples, T_s, LIMITS["SAMPLES"])
+        names = [v.name for v in (*face.variables[face.outputs], *face.variables[face.states])]
+        for _ in range(int(samples)):
             if not memory.sampled:
                 self.take_sample()
-            names = [v.name for v in (*face.variables[face.outputs], *face.variables[face.states])]
             for name, value in zip(names, (*memory.v[face.outputs], *memory.next), strict=True):
                 if not math.isfinite(value):
-                    instant = self.sampling_instant()
+                    instant = memory.count.instant(T_s)
                     memory.time, memory.phase = max(memory.time, instant), STEP_FAILED
-                    raise Refusal(
-                        DISCARD,
-                        f"{function}: {name} is not finite at the sample t = {instant:.17g} s. Check inputs and "
-                        "parameters.",
-                    )
+                    raise Refusal(DISCARD, "SAMPLE_NOT_FINITE", function, name, instant)
             memory.v[face.states] = memory.next
             memory.sampled = False
-            memory.sample += 1
+            memory.count.sample += 1
+        memory.count.end(samples)
 
     def integrate(self, function: str, end: float) -> None:
         """Integrate the continuous states to ``end`` with inputs held; discrete ones after each accepted step.
@@ -588,20 +603,16 @@ class Instance:
             memory.counts[0] += 1
             states[:n] = map(float, solver.y)
             if problem is None and not all(map(math.isfinite, states)):
-                problem = "a state is not finite"
-            if problem is None and steps >= MAX_STEPS:
-                problem = "too many steps"
+                problem = REASONS["NOT_FINITE"]
+            if problem is None and steps >= LIMITS["ATTEMPTS"]:
+                problem = REASONS["TOO_MANY_STEPS"]
             if problem is not None:
                 memory.phase = STEP_FAILED
                 rates = derivative(solver.t, states[:n])
                 names = [variable.name for variable in self.face.variables[self.face.states]]
                 wrong = [name for name, rate in zip(names, rates, strict=False) if not math.isfinite(rate)]
-                where = f"derivative of {wrong[0]} not finite" if wrong else "no single state"
-                raise Refusal(
-                    DISCARD,
-                    f"{function}: integration stopped at t = {solver.t:.17g} s, {where} ({problem}). Check inputs and "
-                    "parameters, or enlarge the tolerance.",
-                )
+                where = wrong[0] if wrong else "no single state"
+                raise Refusal(DISCARD, "STOPPED", function, solver.t, problem, where)
             time = end if solver.status == "finished" else float(solver.t)
             again = update is not None and update(time)
             if again or time >= end:
@@ -612,6 +623,16 @@ class Instance:
         """Add a solver's counters; scipy does not tell rejected steps."""
         for place, number in ((2, solver.nfev), (3, solver.njev), (4, solver.nlu)):
             self.memory.counts[place] += int(number)
+
+
+def with_types(values: Sequence[float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
+    """Values as equations see them: those of ``whole`` places are no floats."""
+    if not whole:
+        return values
+    typed: list[Any] = list(values)
+    for i, variable in whole:
+        typed[i] = value_of(variable, typed[i])
+    return typed
 
 
 def numbers(call: Callable[[], Any], n: int) -> list[float]:
@@ -627,7 +648,7 @@ def attempt(solver: Any) -> str | None:
     try:
         return solver.step()
     except (ArithmeticError, ValueError):
-        return "a derivative is not finite"
+        return REASONS["NOT_FINITE"]
 
 
 class Library(NamedTuple):

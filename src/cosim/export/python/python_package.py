@@ -7,21 +7,27 @@ versions of one, or one edited by hand run side by side, each with its own code.
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import importlib.util
-import re
-from collections.abc import Iterator
+import inspect
 from pathlib import Path
 
 from ...errors import CosimError
 from ...model import Component
+from ..source_files import component_origin, needed_files, relative_imports
 
 PACKAGE = "motion_cosim"
 PROXY = Path(__file__).with_name("proxy.c")
 BINARIES = {"linux64": "libpythonfmu-export.so", "win64": "pythonfmu-export.dll"}
 """Platform folder -> PythonFMU's library, for the platforms it supports."""
-DECLARATION = ("errors.py", "model.py", "export/interface.py", "export/python/python_instance.py")
+DECLARATION = (
+    "errors.py",
+    "model.py",
+    "export/contract.py",
+    "export/interface.py",
+    "export/python/python_instance.py",
+    "export/python/ticks.py",
+)
 PYTHONFMU = ("_version.py", "default_experiment.py", "enums.py", "fmi2slave.py", "logmsg.py", "variables.py")
 
 _ENTRY = '''\
@@ -112,15 +118,21 @@ def library(platform: str) -> bytes:
     return (pythonfmu() / "resources" / "binaries" / platform / BINARIES[platform]).read_bytes()
 
 
-def resources(kind: type[Component], root: Path) -> dict[str, bytes]:
-    """The content of resources/ but for guid.txt: entry module and package. ``root`` holds ``fmus/``."""
-    name, module = kind.__name__, kind.__module__
+def resources(kind: type[Component]) -> dict[str, bytes]:
+    """The content of resources/ but for guid.txt: entry module and package.
+
+    Raises DescriptionError for an import that cannot be made relative, EmbedError without PythonFMU.
+    """
+    where, name = component_origin(kind), kind.__name__
+    module = where.module
     own = Path(__file__).parents[2]
     files = {"__init__.py": _INIT.format(name=name, module=module).encode()}
     for path in DECLARATION:
         files[f"cosim/{path}"] = (own / path).read_bytes()
-    for path in _sources(root, module):
-        files[path] = _relative(path, (root / path).read_text(encoding="utf-8")).encode()
+    local = needed_files(where, Path(inspect.getfile(kind)))
+    for known, path in local.items():
+        ending = "/__init__.py" if path.name == "__init__.py" else ".py"
+        files[known.replace(".", "/") + ending] = relative_imports(path, known, local).encode()
     for path in PYTHONFMU:
         files[f"pythonfmu/{path}"] = (pythonfmu() / path).read_bytes()
     for folder in {parent.as_posix() for path in files for parent in Path(path).parents} - {"."}:
@@ -135,33 +147,3 @@ def resources(kind: type[Component], root: Path) -> dict[str, bytes]:
         f"{script}.py": entry.encode(),
         **{f"{PACKAGE}/{path}": content for path, content in files.items()},
     }
-
-
-def _sources(root: Path, module: str) -> list[str]:
-    """The files of ``fmus`` that a module needs, itself included."""
-    found: dict[str, None] = {}
-    pending = [module]
-    while pending:
-        name = pending.pop()
-        path = name.replace(".", "/") + ".py"
-        if path in found:
-            continue
-        found[path] = None
-        pending += _imports((root / path).read_text(encoding="utf-8"))
-    return sorted(found)
-
-
-def _imports(text: str) -> Iterator[str]:
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "fmus":
-            yield node.module
-        elif isinstance(node, ast.Import) and any(
-            alias.name.split(".")[0] in ("fmus", "cosim") for alias in node.names
-        ):
-            raise EmbedError("write 'from fmus.x import y': a plain import of fmus or cosim has no relative form.")
-
-
-def _relative(path: str, text: str) -> str:
-    """The source with its imports of cosim and fmus made relative, so that the package may have any name."""
-    dots = "." * len(Path(path).parts)
-    return re.sub(r"^(\s*from )(cosim|fmus)(?=[. ])", rf"\g<1>{dots}\g<2>", text, flags=re.MULTILINE)

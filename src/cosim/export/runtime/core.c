@@ -3,7 +3,6 @@
    model.c defines the sizes, the table of variables, the traced functions and their variants, and includes the interface
    (fmi2.c or fmi3.c), which includes this file. The interface defines
      Host      what it keeps of the importer, a plain struct,
-     FMI       the beginning of its function names, STANDARD its name, TOKEN its word for MODEL_GUID,
      UNFINISHED  the status of a step that failed,
      type_names  its name of each type of variable,
      deliver   which hands a message to the importer.
@@ -24,9 +23,6 @@
 #ifndef ELEMENTS /* an interface with arrays: elements of the variable with a value reference, 0 if there is none */
 #define ELEMENTS(reference) 1
 #endif
-#ifndef GETTABLE
-#define GETTABLE READABLE
-#endif
 
 #define INPUT_0 N_PARAMETERS
 #define STATE_0 (INPUT_0 + N_INPUTS)
@@ -35,15 +31,19 @@
 #define COUNTER_0 (DERIVATIVE_0 + N_CONTINUOUS)
 #define N_KNOWN (N_CONTINUOUS + N_INPUTS)
 #define AT_LEAST_1(n) ((n) > 0 ? (n) : 1)
-#define MAX_STEPS 10000000L
 
-typedef enum { INSTANTIATED = 1, INITIALIZATION = 2, STEP_COMPLETE = 4, STEP_FAILED = 8, TERMINATED = 16, FAILED = 32,
-               EVENT_MODE = 64, CONTINUOUS_TIME = 128 } Phase;
-#define EXCHANGE (EVENT_MODE | CONTINUOUS_TIME)
-#define EVALUATED (INITIALIZATION | STEP_COMPLETE | STEP_FAILED | EXCHANGE)
-#define READABLE (EVALUATED | TERMINATED | FAILED)
-#define WRITABLE (INSTANTIATED | INITIALIZATION | STEP_COMPLETE | EXCHANGE)
-#define ANY (INSTANTIATED | READABLE)
+/* A communication step as a fraction of the sampling time: ticks/per_sample; per_sample is 0 if there is none. */
+typedef struct {
+    double step; /* s */
+    double ticks;
+    double per_sample;
+} Fraction;
+
+/* Two counts of ticks are equal if they differ by less than this: counts are whole, unless counting began between ticks. */
+#define SAME_TICK 1e-6
+/* Beyond these a count is no longer exact to SAME_TICK, and any number would be a fraction. */
+#define MOST_TICKS 1e9
+#define MOST_PER_SAMPLE 1e5
 
 typedef struct {
     double v[N_VARIABLES];
@@ -53,7 +53,12 @@ typedef struct {
     double time;                            /* s, reached by the last step */
     double stop;                            /* s, infinite if not defined */
     double tolerance;                       /* of the experiment, 0 if not defined */
+    unsigned long long steps;               /* communication steps taken */
     unsigned long long sample;              /* controller: index of the next sampling instant */
+    double origin;                          /* controller: the importer's time at sample 0, s */
+    double per_sample;                      /* controller: ticks that make T_s, 0 while time decides */
+    double ahead;                           /* controller: ticks to the next sampling instant, valid if per_sample > 0 */
+    Fraction fraction;                      /* controller: of the last step */
     Integrator integrator;
     int variant;
     int phase;
@@ -72,17 +77,17 @@ typedef struct {
     unsigned categories; /* bit of each category that is logged */
 } Instance;
 
-/* Status codes, those of FMI. */
-enum { OK, WARNING, DISCARD, ERROR };
-
-static const char *const category_names[] = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logAll"};
-enum { LOG_WARNING, LOG_DISCARD, LOG_ERROR, LOG_ALL, N_CATEGORIES };
 #define EVERY_CATEGORY ~0u
+/* FMI lets an importer switch off what helps to find errors, not the errors. */
+#define ONLY_ERRORS (1u << LOG_ERROR)
 
 /* ---- messages ---- */
 
 static void deliver(const Instance *instance, int status, const char *category, char *text);
 
+#if defined __clang__ || defined __GNUC__
+__attribute__((format(printf, 3, 4)))
+#endif
 static void say(const Instance *instance, int status, const char *format, ...) {
     char text[1024];
     va_list arguments;
@@ -100,31 +105,23 @@ static int fail(Instance *instance) {
 }
 
 static const char *phase_name(int phase) {
-    switch (phase) {
-    case INSTANTIATED: return "instantiated";
-    case INITIALIZATION: return "initialization mode";
-    case STEP_COMPLETE: return "step complete";
-    case STEP_FAILED: return "step failed";
-    case TERMINATED: return "terminated";
-    case EVENT_MODE: return "event mode";
-    case CONTINUOUS_TIME: return "continuous-time mode";
-    default: return "error";
-    }
+    int k = 0;
+    while (k < N_PHASES - 1 && !(phase & 1 << k)) k++;
+    return phase_names[k];
 }
 
 /* Whether a call is legal now; if not it is logged and the instance fails. */
 static int illegal(Instance *instance, int phases, const char *function) {
     if (!instance) return 1;
     if (instance->s.phase & phases) return 0;
-    say(instance, ERROR, "%s: not allowed in state '%s'. Follow the " STANDARD " calling sequence, or reset the instance.",
-        function, phase_name(instance->s.phase));
+    say(instance, ERROR, SAY_NOT_ALLOWED, function, phase_name(instance->s.phase));
     fail(instance);
     return 1;
 }
 
 static int missing(Instance *instance, const void *pointer, size_t n, const char *function) {
     if (pointer || n == 0) return 0;
-    say(instance, ERROR, "%s: an argument is NULL. Pass an array of %lu elements.", function, (unsigned long)n);
+    say(instance, ERROR, SAY_NULL_ARGUMENT, function, (unsigned long)n);
     fail(instance);
     return 1;
 }
@@ -152,7 +149,7 @@ static void refresh_parameters(State *s) {
     if (!s->parameters_dirty) return;
     s->variant = variant_index(parameters(s));
     variant(s)->constants(s->time, NULL, NULL, parameters(s), NULL, s->c);
-    if (s->phase & (INSTANTIATED | INITIALIZATION))
+    if (s->phase & BEFORE)
         variant(s)->initial(s->start, NULL, NULL, parameters(s), NULL, states(s));
     s->parameters_dirty = 0;
 }
@@ -171,16 +168,82 @@ static int broken_rule(State *s) {
 
 #if KIND == CONTROLLER
 static double sampling_time(const State *s) { return s->v[PARAMETER_T_S]; }
-/* The next sampling instant, or the one so many behind it. */
-static double instant_ahead(const State *s, unsigned n) { return s->start + (double)(s->sample + n) * sampling_time(s); }
-static double sampling_instant(const State *s) { return instant_ahead(s, 0); }
+/* The time of the next sample, for the equations. */
+static double sample_time(const State *s) { return s->start + (double)s->sample * sampling_time(s); }
+/* The next sampling instant as the importer's clock shows it, or the one so many behind it. */
+static double instant_ahead(const State *s, double n) { return s->origin + ((double)s->sample + n) * sampling_time(s); }
+static double sampling_instant(const State *s) { return instant_ahead(s, 0.0); }
 /* Two times are one sampling instant if they differ by rounding only. */
 static double same_instant(const State *s) {
     const double rounding = 1e-6 * sampling_time(s) + 8.0 * DBL_EPSILON * fabs(s->time);
     return rounding < 0.25 * sampling_time(s) ? rounding : 0.25 * sampling_time(s);
 }
 
-static int at_sampling_instant(const State *s) { return fabs(s->time - sampling_instant(s)) <= same_instant(s); }
+static int at_sampling_instant(const State *s) {
+    if (s->per_sample > 0.0) return s->ahead <= SAME_TICK;
+    return fabs(s->time - sampling_instant(s)) <= same_instant(s);
+}
+
+/* The simplest fraction of the sampling time T_s that a step is to within ``slack`` (s): the first such convergent of
+   its continued fraction. There is none if a number chosen at random would have one, too (in more than 1 of 100 cases). */
+static Fraction fraction_of(double step, double T_s, double slack) {
+    const double most = fmin(MOST_PER_SAMPLE, sqrt(0.01 * T_s / slack));
+    Fraction found = {step, 0.0, 0.0};
+    double rest = step / T_s, p = 1.0, p_last = 0.0, q = 0.0, q_last = 1.0;
+    for (;;) {
+        const double whole = floor(rest), p_next = whole * p + p_last, q_next = whole * q + q_last;
+        if (!(p_next <= MOST_TICKS && q_next <= most)) return found; /* also if not a number */
+        p_last = p;
+        p = p_next;
+        q_last = q;
+        q = q_next;
+        if (p >= 1.0 && fabs(p * T_s - q * step) <= q * slack) {
+            found.ticks = p;
+            found.per_sample = q;
+            return found;
+        }
+        rest = 1.0 / (rest - whole);
+    }
+}
+
+static double whole_if_near(double number, double slack) {
+    const double whole = floor(number + 0.5);
+    return fabs(number - whole) <= slack ? whole : number;
+}
+
+/* Bring the count of ticks to the beginning of a step. An importer may add up its time, t += h: in a long run the sum
+   drifts from k*h by many samples. So where a step is a fraction of T_s, ticks decide what is sampled, and the instants
+   move with the importer's clock; elsewhere time decides. */
+static void count_ticks(State *s, double step, double end) {
+    const double T_s = sampling_time(s);
+    /* the difference of two times is only as exact as these are */
+    const int difference = end - s->time == step;
+    if (step != s->fraction.step || (difference && s->fraction.per_sample == 0.0))
+        s->fraction = fraction_of(step, T_s, DBL_EPSILON * (32.0 * step + (difference ? 2.0 * fabs(end) : 0.0)));
+    if (s->per_sample > 0.0) {
+        const double drift = s->time + s->ahead / s->per_sample * T_s - sampling_instant(s);
+        if (fabs(drift) > 0.5 * same_instant(s)) s->origin += drift;
+    }
+    if (s->fraction.per_sample != s->per_sample) {
+        const double n = s->fraction.per_sample;
+        if (s->per_sample > 0.0) s->ahead = whole_if_near(s->ahead / s->per_sample * n, SAME_TICK);
+        else
+            s->ahead = fmax(0.0, whole_if_near((sampling_instant(s) - s->time) / T_s * n, same_instant(s) / T_s * n));
+        s->per_sample = n;
+    }
+}
+
+/* The number of samples of the step to ``end``: those at its beginning and within it, not the one at its end. */
+static double samples_due(const State *s, double end) {
+    const double last = s->per_sample > 0.0 ? s->fraction.ticks - SAME_TICK : end - same_instant(s);
+    double n;
+    if (s->per_sample > 0.0) return s->ahead < last ? (double)(long)((last - s->ahead) / s->per_sample) + 1.0 : 0.0;
+    n = fmax(0.0, ceil((last - sampling_instant(s)) / sampling_time(s)));
+    if (n > MAX_SAMPLES) return n;
+    while (n > 0.0 && instant_ahead(s, n - 1.0) >= last) n -= 1.0;
+    while (instant_ahead(s, n) < last) n += 1.0;
+    return n;
+}
 
 static void take_sample(State *s, double t) {
     variant(s)->sample(t, states(s), inputs(s), parameters(s), s->c, outputs(s), s->next);
@@ -194,7 +257,7 @@ static void refresh(State *s, int derivatives) {
     refresh_parameters(s);
     if (s->outputs_dirty) {
 #if KIND == CONTROLLER
-        if (at_sampling_instant(s)) take_sample(s, sampling_instant(s));
+        if (at_sampling_instant(s)) take_sample(s, sample_time(s));
 #else
         variant(s)->output(s->time, states(s), inputs(s), parameters(s), s->c, outputs(s));
 #endif
@@ -239,28 +302,30 @@ static void set_start_values(State *s) {
 /* Whether an instance may be made of name and token; if not it is said through probe. */
 static int acceptable(const Instance *probe, const char *name, const char *token, const char *function) {
     if (!name || !*name) {
-        say(probe, ERROR, "%s: the instance name is empty. Give one.", function);
+        say(probe, ERROR, SAY_NO_NAME, function);
         return 0;
     }
     if (!token || strcmp(token, MODEL_GUID) != 0) {
-        say(probe, ERROR, "%s: " TOKEN " is '%s', this binary has '%s'. Use the modelDescription.xml of this FMU.",
-            function, token ? token : "", MODEL_GUID);
+        say(probe, ERROR, SAY_WRONG_TOKEN, function, token ? token : "", MODEL_GUID);
         return 0;
     }
     return 1;
 }
 
-/* Bytes of an instance of that name, and the instance made in as many bytes. */
-static size_t instance_size(const char *name) { return sizeof(Instance) + strlen(name) + 1; }
-
-static Instance *make_instance(void *memory, const char *name, Host host, int model_exchange, int logging) {
-    Instance *instance = memory;
-    memset(instance, 0, sizeof *instance);
+/* A new instance, or NULL with a message through probe. */
+static Instance *make_instance(const Instance *probe, const char *name, Host host, int model_exchange, int logging,
+                               const char *function) {
+    const size_t length = strlen(name) + 1;
+    Instance *instance = calloc(1, sizeof *instance + length);
+    if (!instance) {
+        say(probe, ERROR, SAY_OUT_OF_MEMORY, function);
+        return NULL;
+    }
     instance->name = (char *)(instance + 1);
-    strcpy(instance->name, name);
+    memcpy(instance->name, name, length);
     instance->host = host;
     instance->model_exchange = model_exchange;
-    instance->categories = logging ? EVERY_CATEGORY : 0;
+    instance->categories = logging ? EVERY_CATEGORY : ONLY_ERRORS;
     set_start_values(&instance->s);
     return instance;
 }
@@ -272,8 +337,7 @@ static unsigned named_categories(Instance *instance, size_t n, const char *const
         unsigned k = 0;
         while (k < N_CATEGORIES && (!names[i] || strcmp(names[i], category_names[k]) != 0)) k++;
         if (k == N_CATEGORIES) {
-            say(instance, ERROR, "%s: unknown category '%s'. Use those of modelDescription.xml.", function,
-                names[i] ? names[i] : "");
+            say(instance, ERROR, SAY_UNKNOWN_CATEGORY, function, names[i] ? names[i] : "");
             fail(instance);
             return 0;
         }
@@ -285,15 +349,14 @@ static unsigned named_categories(Instance *instance, size_t n, const char *const
 static int set_up(Instance *instance, int tolerance_defined, double tolerance, double start, int stop_defined, double stop,
                   const char *function) {
     if (!isfinite(start) || (stop_defined && !(isfinite(stop) && stop > start))) {
-        say(instance, ERROR, "%s: start time %g s, stop time %g s: give finite times, stop after start.", function, start,
-            stop_defined ? stop : start);
+        say(instance, ERROR, SAY_WRONG_TIMES, function, start, stop_defined ? stop : start);
         return fail(instance);
     }
     if (tolerance_defined && !(isfinite(tolerance) && tolerance > 0.0)) {
-        say(instance, ERROR, "%s: tolerance %g: give a positive number.", function, tolerance);
+        say(instance, ERROR, SAY_WRONG_TOLERANCE, function, tolerance);
         return fail(instance);
     }
-    instance->s.start = instance->s.time = start;
+    instance->s.start = instance->s.time = instance->s.origin = start;
     instance->s.stop = stop_defined ? stop : INFINITY;
     instance->s.tolerance = tolerance_defined ? tolerance : 0.0;
     instance->s.parameters_dirty = 1;
@@ -310,19 +373,24 @@ static void enter_initialization(Instance *instance) {
 #endif
 }
 
-/* Check what parameters must hold together, and the initial state; then go to ``phase``. */
+/* The first of states, outputs and derivatives that is not finite, else -1. */
+static int not_finite_result(const State *s) {
+    const int i = not_finite(s->v + STATE_0, N_STATES + N_OUTPUTS + N_CONTINUOUS);
+    return i < 0 ? i : STATE_0 + i;
+}
+
+/* Check what parameters must hold together, and the initial values; then go to ``phase``. */
 static int leave_initialization(Instance *instance, int phase, const char *function) {
     State *s = &instance->s;
     int i = broken_rule(s);
     if (i >= 0) {
-        say(instance, ERROR, "%s: %s", function, rule_texts[i]);
+        say(instance, ERROR, SAY_BROKEN_RULES, function, rule_texts[i]);
         return fail(instance);
     }
-    refresh_parameters(s);
-    i = not_finite(states(s), N_STATES);
+    refresh(s, 1);
+    i = not_finite_result(s);
     if (i >= 0) {
-        say(instance, ERROR, "%s: the initial %s is not finite. Check the parameters.", function,
-            variables[STATE_0 + i].name);
+        say(instance, ERROR, SAY_INITIAL_NOT_FINITE, function, variables[i].name);
         return fail(instance);
     }
     touch(s);
@@ -334,15 +402,13 @@ static int leave_initialization(Instance *instance, int phase, const char *funct
 
 static int unknown(Instance *instance, unsigned reference, int type, const char *function) {
     if (reference >= N_REFERENCES || ELEMENTS(reference) == 0) {
-        say(instance, ERROR, "%s: unknown value reference %u. " MODEL_NAME " has 0 to %d.", function, reference,
-            N_REFERENCES - 1);
+        say(instance, ERROR, SAY_UNKNOWN_REFERENCE, function, reference, MODEL_NAME, N_REFERENCES - 1);
         fail(instance);
         return 1;
     }
     if (variables[reference].type != type) {
         const char *name = type_names[variables[reference].type];
-        say(instance, ERROR, "%s: %s (value reference %u) is of type %s. Use " FMI "Get%s or " FMI "Set%s.", function,
-            variables[reference].name, reference, name, name, name);
+        say(instance, ERROR, SAY_WRONG_TYPE, function, variables[reference].name, reference, name, name, name);
         fail(instance);
         return 1;
     }
@@ -352,7 +418,7 @@ static int unknown(Instance *instance, unsigned reference, int type, const char 
 static int prepare_get(Instance *instance, const unsigned references[], size_t n, const void *values, int type,
                        const char *function) {
     int derivatives = 0;
-    if (illegal(instance, GETTABLE, function) || missing(instance, references, n, function) ||
+    if (illegal(instance, MAY_GET, function) || missing(instance, references, n, function) ||
         missing(instance, values, n, function))
         return 1;
     for (size_t i = 0; i < n; i++) {
@@ -372,32 +438,42 @@ static unsigned long long counter(const State *s, size_t index) {
 /* Whether a variable may take a value now: OK, or the status to return, with a message. */
 static int refused(Instance *instance, unsigned reference, double value, const char *function) {
     const Variable *variable = &variables[reference];
-    const int before = instance->s.phase & (INSTANTIATED | INITIALIZATION);
+    const int before = instance->s.phase & BEFORE;
+    double kept;
     if (variable->role != INPUT && variable->role != TUNABLE && !(variable->role == FIXED && before)) {
-        say(instance, ERROR, "%s: %s %s.", function, variable->name,
-            variable->role == FIXED ? "is a fixed parameter. Set it before initialization ends"
-                                    : "is computed by the FMU. Set inputs and parameters only");
+        if (variable->role == FIXED) say(instance, ERROR, SAY_FIXED, function, variable->name);
+        else say(instance, ERROR, SAY_COMPUTED, function, variable->name);
         return fail(instance);
     }
     if (variable->role == TUNABLE && instance->s.phase == CONTINUOUS_TIME) {
-        say(instance, ERROR, "%s: %s is a tunable parameter. Set it in event mode.", function, variable->name);
+        say(instance, ERROR, SAY_TUNABLE_IN_CONTINUOUS_TIME, function, variable->name);
         return fail(instance);
     }
     if (isfinite(value) && value >= variable->min && value <= variable->max) return OK;
+    kept = instance->s.v[reference];
     if (!isfinite(value))
-        say(instance, DISCARD, "%s: %s = %g %s: must be finite. The previous value %g is kept.", function,
-            variable->name, value, variable->unit, instance->s.v[reference]);
+        say(instance, DISCARD, SAY_NOT_FINITE, function, variable->name, value, variable->unit, kept);
+    else if (value < variable->min)
+        say(instance, DISCARD, SAY_BELOW_MINIMUM, function, variable->name, value, variable->unit, variable->min,
+            variable->unit, kept);
     else
-        say(instance, DISCARD, "%s: %s = %.17g %s: %s %.17g %s. The previous value %g is kept.", function,
-            variable->name, value, variable->unit, value < variable->min ? "below its minimum" : "above its maximum",
-            value < variable->min ? variable->min : variable->max, variable->unit, instance->s.v[reference]);
+        say(instance, DISCARD, SAY_ABOVE_MAXIMUM, function, variable->name, value, variable->unit, variable->max,
+            variable->unit, kept);
     return DISCARD;
+}
+
+/* Some importers set all parameters again once initialization has ended: to the same value nothing changes. */
+static int unchanged(const State *s, unsigned reference, double value) {
+    const int role = variables[reference].role;
+    return (role == FIXED || role == TUNABLE) && !(s->phase & BEFORE) && s->v[reference] == value;
 }
 
 static int set(Instance *instance, unsigned reference, double value, const char *function) {
     State *s = &instance->s;
-    const int status = refused(instance, reference, value, function);
     double previous;
+    int status;
+    if (unchanged(s, reference, value)) return OK;
+    status = refused(instance, reference, value, function);
     if (status != OK) return status;
     previous = s->v[reference];
     s->v[reference] = value;
@@ -410,8 +486,8 @@ static int set(Instance *instance, unsigned reference, double value, const char 
     if (s->phase == STEP_COMPLETE || s->phase == EVENT_MODE) {
         const int rule = broken_rule(s);
         if (rule >= 0) {
-            say(instance, DISCARD, "%s: %s = %g %s: %s The previous value %g is kept.", function,
-                variables[reference].name, value, variables[reference].unit, rule_texts[rule], previous);
+            say(instance, DISCARD, SAY_BREAKS_RULE, function, variables[reference].name, value,
+                variables[reference].unit, rule_texts[rule], previous);
             s->v[reference] = previous;
             return DISCARD;
         }
@@ -421,7 +497,7 @@ static int set(Instance *instance, unsigned reference, double value, const char 
 
 static int prepare_set(Instance *instance, const unsigned references[], size_t n, const void *values, int type,
                        const char *function) {
-    if (illegal(instance, WRITABLE, function) || missing(instance, references, n, function) ||
+    if (illegal(instance, MAY_SET, function) || missing(instance, references, n, function) ||
         missing(instance, values, n, function))
         return 1;
     for (size_t i = 0; i < n; i++)
@@ -431,20 +507,64 @@ static int prepare_set(Instance *instance, const unsigned references[], size_t n
 
 static int worse(int one, int other) { return one > other ? one : other; }
 
+static int discard_result(Instance *instance, unsigned reference, const char *function) {
+    say(instance, DISCARD, SAY_RESULT_NOT_FINITE, function, variables[reference].name, instance->s.time);
+    return DISCARD;
+}
+
 /* ---- FMU state ---- */
 
+/* What an importer gets as FMU state, and as its bytes. The layout belongs to this binary; the guid tells another one. */
 typedef struct {
     char guid[40];
-    unsigned long long size;
+    unsigned version;
     int model_exchange;
+    unsigned long long size;
     State s;
+    unsigned long long checksum; /* of all before it, in bytes only */
 } Saved;
+#define STATE_VERSION 2u
+typedef char saved_has_no_gap[sizeof(Saved) == offsetof(Saved, checksum) + sizeof(unsigned long long) ? 1 : -1];
+
+/* FNV-1a over words. A word that differs gives another sum for certain, for all that follows is one to one. */
+static unsigned long long checksum(const Saved *saved) {
+    unsigned long long sum = 14695981039346656037ull, word;
+    for (size_t i = 0; i < offsetof(Saved, checksum); i += sizeof word) {
+        memcpy(&word, (const char *)saved + i, sizeof word);
+        sum = (sum ^ word) * 1099511628211ull;
+    }
+    return sum;
+}
+
+/* Whether a state was made by this FMU, and can be gone on with: its bytes may come from anywhere. */
+static int is_own(const Saved *saved) {
+    return strncmp(saved->guid, MODEL_GUID, sizeof saved->guid) == 0 && saved->version == STATE_VERSION &&
+           saved->size == sizeof *saved;
+}
+
+static int is_sound(const State *s) {
+    const Fraction *fraction = &s->fraction;
+    if (s->phase < INSTANTIATED || s->phase > CONTINUOUS_TIME || s->phase & (s->phase - 1)) return 0;
+    for (int i = 0; i < STATE_0; i++) {
+        const Variable *variable = &variables[i];
+        if (!(isfinite(s->v[i]) && s->v[i] >= variable->min && s->v[i] <= variable->max)) return 0;
+        if (variable->type != REAL && !(fabs(s->v[i]) <= 2147483647.0)) return 0;
+    }
+    if (!s->parameters_dirty && s->variant != variant_index(s->v)) return 0;
+    if (!isfinite(s->start) || !isfinite(s->time) || !isfinite(s->origin) || !(s->stop > s->start)) return 0;
+    if (!(isfinite(s->tolerance) && s->tolerance >= 0.0)) return 0;
+    if (!(s->per_sample == 0.0 || (s->per_sample >= 1.0 && s->per_sample <= MOST_PER_SAMPLE))) return 0;
+    if (!(s->ahead >= 0.0 && s->ahead <= MOST_TICKS)) return 0;
+    if (!(fraction->per_sample == 0.0 || (fraction->per_sample >= 1.0 && fraction->per_sample <= MOST_PER_SAMPLE))) return 0;
+    if (!(fraction->ticks >= 0.0 && fraction->ticks <= MOST_TICKS)) return 0;
+    return isfinite(s->integrator.step) && s->integrator.failing >= -1 && s->integrator.failing < AT_LEAST_1(N_CONTINUOUS);
+}
 
 /* Memory for a state where *saved points to none yet. */
 static Saved *memory_for(Instance *instance, void **saved, const char *function) {
     Saved *copy = *saved ? *saved : calloc(1, sizeof *copy);
     if (!copy) {
-        say(instance, ERROR, "%s: out of memory.", function);
+        say(instance, ERROR, SAY_OUT_OF_MEMORY, function);
         fail(instance);
     }
     return copy;
@@ -452,11 +572,12 @@ static Saved *memory_for(Instance *instance, void **saved, const char *function)
 
 static int save_state(Instance *instance, void **saved, const char *function) {
     Saved *copy;
-    if (illegal(instance, ANY, function) || missing(instance, saved, 1, function)) return ERROR;
+    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function)) return ERROR;
     copy = memory_for(instance, saved, function);
     if (!copy) return ERROR;
     memset(copy, 0, sizeof *copy);
     strncpy(copy->guid, MODEL_GUID, sizeof copy->guid - 1);
+    copy->version = STATE_VERSION;
     copy->size = sizeof *copy;
     copy->model_exchange = instance->model_exchange;
     memcpy(&copy->s, &instance->s, sizeof copy->s);
@@ -465,18 +586,22 @@ static int save_state(Instance *instance, void **saved, const char *function) {
 }
 
 static int restore_state(Instance *instance, const Saved *saved, const char *function) {
-    if (illegal(instance, ANY, function) || missing(instance, saved, 1, function)) return ERROR;
+    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function)) return ERROR;
+    if (!is_own(saved) || !is_sound(&saved->s)) {
+        say(instance, ERROR, SAY_NO_STATE, function, MODEL_NAME);
+        return fail(instance);
+    }
     if (saved->model_exchange != instance->model_exchange) {
-        say(instance, ERROR, "%s: the state is that of an instance for %s. Use one of the same kind.", function,
-            instance->model_exchange ? "co-simulation" : "model exchange");
+        say(instance, ERROR, SAY_OTHER_KIND, function, instance->model_exchange ? "co-simulation" : "model exchange");
         return fail(instance);
     }
     memcpy(&instance->s, &saved->s, sizeof instance->s);
+    instance->s.variant = variant_index(instance->s.v);
     return OK;
 }
 
 static int free_state(Instance *instance, void **saved, const char *function) {
-    if (illegal(instance, ANY, function)) return ERROR;
+    if (illegal(instance, MAY_HANDLE_STATE, function)) return ERROR;
     if (!saved) return OK;
     free(*saved);
     *saved = NULL;
@@ -484,39 +609,45 @@ static int free_state(Instance *instance, void **saved, const char *function) {
 }
 
 static int state_size(Instance *instance, const void *saved, size_t *size, const char *function) {
-    if (illegal(instance, ANY, function) || missing(instance, saved, 1, function) || missing(instance, size, 1, function))
+    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function) || missing(instance, size, 1, function))
         return ERROR;
     *size = sizeof(Saved);
     return OK;
 }
 
 static int serialize_state(Instance *instance, const void *saved, void *bytes, size_t size, const char *function) {
-    if (illegal(instance, ANY, function) || missing(instance, saved, 1, function) ||
+    unsigned long long sum;
+    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function) ||
         missing(instance, bytes, size, function))
         return ERROR;
     if (size < sizeof(Saved)) {
-        say(instance, ERROR, "%s: %lu bytes are too few. Give %lu, as the function for their number says.", function,
-            (unsigned long)size, (unsigned long)sizeof(Saved));
+        say(instance, ERROR, SAY_FEW_BYTES, function, (unsigned long)size, (unsigned long)sizeof(Saved));
         return fail(instance);
     }
+    sum = checksum(saved);
     memcpy(bytes, saved, sizeof(Saved));
+    memcpy((char *)bytes + offsetof(Saved, checksum), &sum, sizeof sum);
     return OK;
 }
 
 static int deserialize_state(Instance *instance, const void *bytes, size_t size, void **saved, const char *function) {
-    const char *content = bytes;
-    Saved *copy;
-    if (illegal(instance, ANY, function) || missing(instance, bytes, size, function) || missing(instance, saved, 1, function))
+    Saved found, *copy;
+    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, bytes, size, function) ||
+        missing(instance, saved, 1, function))
         return ERROR;
-    if (size < sizeof(Saved) || strncmp(content, MODEL_GUID, sizeof((Saved *)0)->guid) != 0 ||
-        memcmp(content + offsetof(Saved, size), &(unsigned long long){sizeof(Saved)}, sizeof(unsigned long long)) != 0) {
-        say(instance, ERROR, "%s: these %lu bytes are no state of this FMU. Pass what the same FMU on the same platform "
-            "serialized.", function, (unsigned long)size);
+    if (size >= sizeof found) memcpy(&found, bytes, sizeof found);
+    if (size < sizeof found || !is_own(&found)) {
+        say(instance, ERROR, SAY_NO_STATE_BYTES, function, (unsigned long)size);
+        return fail(instance);
+    }
+    if (found.checksum != checksum(&found) || !is_sound(&found.s)) {
+        say(instance, ERROR, SAY_DAMAGED_BYTES, function, (unsigned long)size);
         return fail(instance);
     }
     copy = memory_for(instance, saved, function);
     if (!copy) return ERROR;
-    memcpy(copy, bytes, sizeof *copy);
+    memcpy(copy, &found, sizeof *copy);
+    copy->checksum = 0;
     *saved = copy;
     return OK;
 }
@@ -529,8 +660,7 @@ static int row_of(Instance *instance, unsigned reference, const char *function) 
     if (unknown(instance, reference, REAL, function)) return -1;
     if (variables[reference].role == DERIVATIVE) return (int)reference - DERIVATIVE_0;
     if (variables[reference].role == OUTPUT) return N_CONTINUOUS + (int)reference - OUTPUT_0;
-    say(instance, ERROR, "%s: %s is no unknown variable. Differentiate outputs and state derivatives.", function,
-        variables[reference].name);
+    say(instance, ERROR, SAY_NO_UNKNOWN, function, variables[reference].name);
     fail(instance);
     return -1;
 }
@@ -539,8 +669,7 @@ static int column_of(Instance *instance, unsigned reference, const char *functio
     if (unknown(instance, reference, REAL, function)) return -1;
     if (variables[reference].role == INPUT) return N_CONTINUOUS + (int)reference - INPUT_0;
     if (variables[reference].role == STATE && reference - STATE_0 < N_CONTINUOUS) return (int)reference - STATE_0;
-    say(instance, ERROR, "%s: %s is no known variable. Differentiate with respect to inputs and continuous states.",
-        function, variables[reference].name);
+    say(instance, ERROR, SAY_NO_KNOWN, function, variables[reference].name);
     fail(instance);
     return -1;
 }
@@ -549,7 +678,7 @@ static int column_of(Instance *instance, unsigned reference, const char *functio
 static void partial_derivatives(State *s, double *partials) {
     refresh_parameters(s);
 #if KIND == CONTROLLER
-    variant(s)->partials(sampling_instant(s), states(s), inputs(s), parameters(s), s->c, partials);
+    variant(s)->partials(sample_time(s), states(s), inputs(s), parameters(s), s->c, partials);
 #else
     variant(s)->partials(s->time, states(s), inputs(s), parameters(s), s->c, partials);
 #endif
@@ -559,7 +688,7 @@ static int directional_derivative(Instance *instance, const unsigned unknowns[],
                                   size_t n_known, const double seed[], double result[], const char *function) {
     double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
     double direction[AT_LEAST_1(N_KNOWN)] = {0.0};
-    if (illegal(instance, READABLE, function) || missing(instance, unknowns, n_unknown, function) ||
+    if (illegal(instance, MAY_DIFFERENTIATE, function) || missing(instance, unknowns, n_unknown, function) ||
         missing(instance, knowns, n_known, function) || missing(instance, seed, n_known, function) ||
         missing(instance, result, n_unknown, function))
         return ERROR;
@@ -574,25 +703,23 @@ static int directional_derivative(Instance *instance, const unsigned unknowns[],
         if (row < 0) return ERROR;
         result[i] = 0.0;
         for (size_t k = 0; k < N_KNOWN; k++) result[i] += partials[(size_t)row * N_KNOWN + k] * direction[k];
+        if (!isfinite(result[i])) return discard_result(instance, unknowns[i], function);
     }
     return OK;
 }
 
 /* ---- model exchange ---- */
 
-#define MODES_READ (INITIALIZATION | EXCHANGE | TERMINATED | FAILED)
-
 /* Whether an array of continuous states or event indicators has the wrong length or is NULL. */
 static int wrong_length(Instance *instance, const void *values, size_t n, size_t expected, const char *function) {
     if (n == expected) return missing(instance, values, n, function);
-    say(instance, ERROR, "%s: an array of %lu elements, but " MODEL_NAME " has %lu. Pass one of that length.", function,
-        (unsigned long)n, (unsigned long)expected);
+    say(instance, ERROR, SAY_WRONG_LENGTH, function, (unsigned long)n, MODEL_NAME, (unsigned long)expected);
     fail(instance);
     return 1;
 }
 
 static int enter_continuous_time(Instance *instance, const char *function) {
-    if (illegal(instance, EVENT_MODE, function)) return ERROR;
+    if (illegal(instance, MAY_ENTER_CONTINUOUS_TIME, function)) return ERROR;
     refresh_parameters(&instance->s);
     instance->s.phase = CONTINUOUS_TIME;
     return OK;
@@ -612,9 +739,9 @@ static int completed_step(Instance *instance) {
 }
 
 static int set_time(Instance *instance, double time, const char *function) {
-    if (illegal(instance, EXCHANGE, function)) return ERROR;
+    if (illegal(instance, MAY_SET_CONTINUOUS, function)) return ERROR;
     if (!isfinite(time)) {
-        say(instance, ERROR, "%s: %g s. Give a finite time.", function, time);
+        say(instance, ERROR, SAY_TIME_NOT_FINITE, function, time);
         return fail(instance);
     }
     instance->s.time = time;
@@ -624,11 +751,10 @@ static int set_time(Instance *instance, double time, const char *function) {
 
 static int set_continuous_states(Instance *instance, const double x[], size_t n, const char *function) {
     int i;
-    if (illegal(instance, EXCHANGE, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_SET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
     i = not_finite(x, N_CONTINUOUS);
     if (i >= 0) {
-        say(instance, DISCARD, "%s: %s = %g: must be finite. The previous states are kept.", function,
-            variables[STATE_0 + i].name, x[i]);
+        say(instance, DISCARD, SAY_STATES_NOT_FINITE, function, variables[STATE_0 + i].name, x[i]);
         return DISCARD;
     }
     for (i = 0; i < N_CONTINUOUS; i++) states(&instance->s)[i] = x[i];
@@ -637,7 +763,7 @@ static int set_continuous_states(Instance *instance, const double x[], size_t n,
 }
 
 static int continuous_states(Instance *instance, double x[], size_t n, const char *function) {
-    if (illegal(instance, MODES_READ, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
     refresh_parameters(&instance->s);
     for (int i = 0; i < N_CONTINUOUS; i++) x[i] = states(&instance->s)[i];
     return OK;
@@ -646,25 +772,24 @@ static int continuous_states(Instance *instance, double x[], size_t n, const cha
 static int state_derivatives(Instance *instance, double derivatives[], size_t n, const char *function) {
     State *s;
     int i;
-    if (illegal(instance, MODES_READ, function) || wrong_length(instance, derivatives, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, derivatives, n, N_CONTINUOUS, function)) return ERROR;
     s = &instance->s;
     s->integrator.derivatives += s->derivatives_dirty != 0;
     refresh(s, 1);
     for (i = 0; i < N_CONTINUOUS; i++) derivatives[i] = s->v[DERIVATIVE_0 + i];
     i = not_finite(derivatives, N_CONTINUOUS);
     if (i < 0) return OK;
-    say(instance, DISCARD, "%s: %s is not finite at t = %.17g s. Check inputs and states, or take a smaller step.", function,
-        variables[DERIVATIVE_0 + i].name, s->time);
+    say(instance, DISCARD, SAY_DERIVATIVE_NOT_FINITE, function, variables[DERIVATIVE_0 + i].name, s->time);
     return DISCARD;
 }
 
 /* There are none. */
 static int event_indicators(Instance *instance, const double indicators[], size_t n, const char *function) {
-    return illegal(instance, MODES_READ, function) || wrong_length(instance, indicators, n, 0, function) ? ERROR : OK;
+    return illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, indicators, n, 0, function) ? ERROR : OK;
 }
 
 static int state_nominals(Instance *instance, double values[], size_t n, const char *function) {
-    if (illegal(instance, INSTANTIATED | MODES_READ, function) || wrong_length(instance, values, n, N_CONTINUOUS, function))
+    if (illegal(instance, MAY_GET_NOMINALS, function) || wrong_length(instance, values, n, N_CONTINUOUS, function))
         return ERROR;
 #if KIND == PLANT
     for (int i = 0; i < N_CONTINUOUS; i++) values[i] = nominals[i];
@@ -675,38 +800,45 @@ static int state_nominals(Instance *instance, double values[], size_t n, const c
 /* ---- stepping ---- */
 
 #if KIND == PLANT
-static int advance(Instance *instance, double end, const char *function) {
+static int advance(Instance *instance, double step, double end, const char *function) {
+    static const char *const reasons[] = {[INTEGRATE_STEP_TOO_SMALL] = REASON_STEP_TOO_SMALL,
+                                          [INTEGRATE_TOO_MANY_STEPS] = REASON_TOO_MANY_STEPS,
+                                          [INTEGRATE_NOT_FINITE] = REASON_NOT_FINITE};
     State *s = &instance->s;
     Problem problem = {variant(s)->derivative, variant(s)->jacobian, N_STATES > N_CONTINUOUS ? variant(s)->update : NULL,
-                       inputs(s), parameters(s), s->c, nominals, s->v[PARAMETER_TOLERANCE], MAX_STEPS};
+                       inputs(s), parameters(s), s->c, nominals, s->v[PARAMETER_TOLERANCE], MAX_ATTEMPTS};
     const int code = integrate(&problem, &s->integrator, s->time, end, states(s));
+    (void)step;
     if (code == INTEGRATE_OK) {
         s->time = end;
         return OK;
     }
     s->time = s->integrator.time;
     s->phase = STEP_FAILED;
-    say(instance, UNFINISHED, "%s: integration stopped at t = %.17g s, %s (%s). %s", function, s->time,
-        code == INTEGRATE_TOO_MANY_STEPS ? "too many steps"
-        : code == INTEGRATE_NOT_FINITE   ? "a derivative is not finite"
-                                         : "the step size became too small",
-        s->integrator.failing >= 0 ? variables[STATE_0 + s->integrator.failing].name : "no single state",
-        "Check inputs and parameters, or enlarge the tolerance.");
+    say(instance, UNFINISHED, SAY_STOPPED, function, s->time, reasons[code],
+        s->integrator.failing >= 0 ? variables[STATE_0 + s->integrator.failing].name : "no single state");
     return UNFINISHED;
 }
 #elif KIND == CONTROLLER
-static int advance(Instance *instance, double end, const char *function) {
+static int advance(Instance *instance, double step, double end, const char *function) {
     State *s = &instance->s;
-    const double last = end - same_instant(s);
-    for (double instant = sampling_instant(s); instant < last; instant = sampling_instant(s)) {
+    double n;
+    count_ticks(s, step, end);
+    n = samples_due(s, end);
+    if (n > MAX_SAMPLES) {
+        say(instance, UNFINISHED, SAY_TOO_MANY_SAMPLES, function, step, n, sampling_time(s), MAX_SAMPLES);
+        s->phase = STEP_FAILED;
+        return UNFINISHED;
+    }
+    for (long left = (long)n; left > 0; left--) {
         int output, state;
-        if (!s->sampled) take_sample(s, instant);
+        if (!s->sampled) take_sample(s, sample_time(s));
         output = not_finite(outputs(s), N_OUTPUTS);
         state = not_finite(s->next, N_STATES);
         if (output >= 0 || state >= 0) {
-            say(instance, UNFINISHED, "%s: %s is not finite at the sample t = %.17g s. Check inputs and parameters.", function,
-                variables[output >= 0 ? OUTPUT_0 + output : STATE_0 + state].name, instant);
-            s->time = fmax(s->time, instant);
+            say(instance, UNFINISHED, SAY_SAMPLE_NOT_FINITE, function,
+                variables[output >= 0 ? OUTPUT_0 + output : STATE_0 + state].name, sampling_instant(s));
+            s->time = fmax(s->time, sampling_instant(s));
             s->phase = STEP_FAILED;
             return UNFINISHED;
         }
@@ -714,11 +846,13 @@ static int advance(Instance *instance, double end, const char *function) {
         s->sampled = 0;
         s->sample++;
     }
+    if (s->per_sample > 0.0) s->ahead += n * s->per_sample - s->fraction.ticks;
     s->time = end;
     return OK;
 }
 #else
-static int advance(Instance *instance, double end, const char *function) {
+static int advance(Instance *instance, double step, double end, const char *function) {
+    (void)step;
     (void)function;
     instance->s.time = end;
     return OK;
@@ -728,37 +862,51 @@ static int advance(Instance *instance, double end, const char *function) {
 /* Whether a step may be taken now from ``time`` on. */
 static int steppable(Instance *instance, double time, double step, const char *function) {
     const State *s = instance ? &instance->s : NULL;
-    if (illegal(instance, STEP_COMPLETE, function)) return 0;
-    if (!(isfinite(step) && step > 0.0)) {
-        say(instance, ERROR, "%s: communication step size %g s. Give a positive, finite one.", function, step);
+    const double end = time + step;
+    double rounding;
+    if (illegal(instance, MAY_STEP, function)) return 0;
+    if (!(isfinite(step) && step > 0.0 && !isinf(end))) {
+        say(instance, ERROR, SAY_STEP_SIZE, function, step);
         fail(instance);
         return 0;
     }
     if (!(fabs(time - s->time) <= 1e-6 * step + 8.0 * DBL_EPSILON * fabs(s->time))) {
-        say(instance, ERROR, "%s: current communication point %.17g s, but the instance is at %.17g s. Continue "
-            "where the last step ended, or set an FMU state.", function, time, s->time);
+        say(instance, ERROR, SAY_WRONG_POINT, function, time, s->time);
         fail(instance);
         return 0;
     }
-    if (time + step > s->stop + 1e-6 * step + 8.0 * DBL_EPSILON * fabs(s->stop)) {
-        say(instance, ERROR, "%s: the step ends at %.17g s, behind the stop time %.17g s given before. Set a later stop time "
-            "or none.", function, time + step, s->stop);
+    /* the time of an importer that adds up may be off by the rounding of each sum */
+    rounding = (8.0 + (double)s->steps) * DBL_EPSILON * fabs(s->stop);
+    if (end > s->stop + 1e-6 * step + rounding) {
+        say(instance, ERROR, SAY_BEHIND_STOP, function, end, s->stop);
         fail(instance);
         return 0;
     }
     return 1;
 }
 
-static int step_to(Instance *instance, double time, double end, const char *function) {
+static int step_to(Instance *instance, double time, double step, const char *function) {
     State *s = &instance->s;
     int status;
     refresh_parameters(s);
     s->time = time;
-    status = advance(instance, end, function);
+    s->steps++;
+    status = advance(instance, step, time + step, function);
 #if KIND == CONTROLLER
     s->outputs_dirty = 0;
 #else
     s->outputs_dirty = s->derivatives_dirty = 1;
+    if (status == OK) {
+        int i;
+        refresh(s, 0);
+        i = not_finite(outputs(s), N_OUTPUTS);
+        if (i >= 0) {
+            say(instance, UNFINISHED, SAY_RESULT_NOT_FINITE, function, variables[OUTPUT_0 + i].name, s->time);
+            s->time = time; /* the last one that was successful */
+            s->phase = STEP_FAILED;
+            return UNFINISHED;
+        }
+    }
 #endif
     return status;
 }

@@ -1,10 +1,12 @@
 /* FMI 2.0 co-simulation, and model exchange for plants; included by the generated model.c. */
+#include "contract.h"
 #include "fmi2.h"
 
-typedef fmi2CallbackFunctions Host;
-#define FMI "fmi2"
-#define STANDARD "FMI 2.0"
-#define TOKEN "guid"
+/* The importer's memory functions are never used: some hosts have broken ones. */
+typedef struct {
+    fmi2ComponentEnvironment environment;
+    fmi2CallbackLogger logger;
+} Host;
 #define UNFINISHED DISCARD
 static const char *const type_names[] = {"Real", "Integer", "Boolean", "String"};
 
@@ -14,7 +16,7 @@ static void deliver(const Instance *instance, int status, const char *category, 
     if (!instance->host.logger) return;
     for (char *p = text; *p; p++)
         if (*p == '%') *p = '#'; /* some importers take the message as a format, others print it as it is */
-    instance->host.logger(instance->host.componentEnvironment, instance->name, (fmi2Status)status, category, text);
+    instance->host.logger(instance->host.environment, instance->name, (fmi2Status)status, category, text);
 }
 
 /* ---- life cycle ---- */
@@ -27,46 +29,32 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
                                           fmi2Boolean logging) {
     static const char function[] = "fmi2Instantiate";
     Instance probe; /* a refusal to exist is always said */
-    void *memory;
     (void)resources;
     (void)visible;
     if (!callbacks) return NULL;
     memset(&probe, 0, sizeof probe);
-    probe.host = *callbacks;
+    probe.host.environment = callbacks->componentEnvironment;
+    probe.host.logger = callbacks->logger;
     probe.categories = EVERY_CATEGORY;
     probe.name = (char *)(name ? name : "");
     if (!acceptable(&probe, name, guid, function)) return NULL;
     if (type != fmi2CoSimulation && !(KIND == PLANT && type == fmi2ModelExchange)) {
-        say(&probe, ERROR, "%s: " MODEL_NAME " is a co-simulation FMU. Instantiate it with fmi2CoSimulation.", function);
+        say(&probe, ERROR, SAY_CO_SIMULATION_ONLY, function);
         return NULL;
     }
-    if (!callbacks->allocateMemory != !callbacks->freeMemory) {
-        say(&probe, ERROR, "%s: only one of allocateMemory and freeMemory is given. Give both or none.", function);
-        return NULL;
-    }
-    memory = callbacks->allocateMemory ? callbacks->allocateMemory(1, instance_size(name)) : calloc(1, instance_size(name));
-    if (!memory) {
-        say(&probe, ERROR, "%s: out of memory.", function);
-        return NULL;
-    }
-    return make_instance(memory, name, *callbacks, type == fmi2ModelExchange, logging);
+    return make_instance(&probe, name, probe.host, type == fmi2ModelExchange, logging, function);
 }
 
-FMI2_EXPORT void fmi2FreeInstance(fmi2Component c) {
-    Instance *instance = c;
-    if (!instance) return;
-    if (instance->host.freeMemory) instance->host.freeMemory(instance);
-    else free(instance);
-}
+FMI2_EXPORT void fmi2FreeInstance(fmi2Component c) { free(c); }
 
 FMI2_EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String names[]) {
     static const char function[] = "fmi2SetDebugLogging";
     Instance *instance = c;
     unsigned categories;
-    if (illegal(instance, ANY, function) || missing(instance, names, n, function)) return fmi2Error;
+    if (illegal(instance, MAY_SET_LOGGING, function) || missing(instance, names, n, function)) return fmi2Error;
     categories = n ? named_categories(instance, n, names, function) : EVERY_CATEGORY;
     if (!categories) return fmi2Error;
-    instance->categories = on ? categories : 0;
+    instance->categories = on ? categories : ONLY_ERRORS;
     return fmi2OK;
 }
 
@@ -74,13 +62,13 @@ FMI2_EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranc
                                            fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
     static const char function[] = "fmi2SetupExperiment";
     Instance *instance = c;
-    if (illegal(instance, INSTANTIATED, function)) return fmi2Error;
+    if (illegal(instance, MAY_SET_UP, function)) return fmi2Error;
     return set_up(instance, tolerance_defined, tolerance, start, stop_defined, stop, function);
 }
 
 FMI2_EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     Instance *instance = c;
-    if (illegal(instance, INSTANTIATED, "fmi2EnterInitializationMode")) return fmi2Error;
+    if (illegal(instance, MAY_ENTER_INITIALIZATION, "fmi2EnterInitializationMode")) return fmi2Error;
     enter_initialization(instance);
     return fmi2OK;
 }
@@ -88,20 +76,20 @@ FMI2_EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 FMI2_EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     static const char function[] = "fmi2ExitInitializationMode";
     Instance *instance = c;
-    if (illegal(instance, INITIALIZATION, function)) return fmi2Error;
+    if (illegal(instance, MAY_EXIT_INITIALIZATION, function)) return fmi2Error;
     return leave_initialization(instance, instance->model_exchange ? EVENT_MODE : STEP_COMPLETE, function);
 }
 
 FMI2_EXPORT fmi2Status fmi2Terminate(fmi2Component c) {
     Instance *instance = c;
-    if (illegal(instance, STEP_COMPLETE | STEP_FAILED | EXCHANGE, "fmi2Terminate")) return fmi2Error;
+    if (illegal(instance, MAY_TERMINATE, "fmi2Terminate")) return fmi2Error;
     instance->s.phase = TERMINATED;
     return fmi2OK;
 }
 
 FMI2_EXPORT fmi2Status fmi2Reset(fmi2Component c) {
     Instance *instance = c;
-    if (illegal(instance, ANY, "fmi2Reset")) return fmi2Error;
+    if (illegal(instance, MAY_RESET, "fmi2Reset")) return fmi2Error;
     set_start_values(&instance->s);
     return fmi2OK;
 }
@@ -112,17 +100,21 @@ FMI2_EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference ref
     Instance *instance = c;
 #if PLAIN_OUTPUTS /* what happens at every step, in one pass */
     if (instance && references && values && instance->s.phase & EVALUATED) {
+        double zero = 0.0; /* as long as all are finite */
         size_t i = 0;
         refresh(&instance->s, 0);
         while (i < n && references[i] - STATE_0 < N_STATES + N_OUTPUTS) {
             values[i] = instance->s.v[references[i]];
+            zero += 0.0 * values[i];
             i++;
         }
-        if (i == n) return fmi2OK;
+        if (i == n && zero == 0.0) return fmi2OK;
     }
 #endif
     if (prepare_get(instance, references, n, values, REAL, "fmi2GetReal")) return fmi2Error;
     for (size_t i = 0; i < n; i++) values[i] = instance->s.v[references[i]];
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(values[i])) return discard_result(instance, references[i], "fmi2GetReal");
     return fmi2OK;
 }
 
@@ -158,7 +150,7 @@ FMI2_EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference ref
     int status = OK;
     size_t i = 0;
 #if PLAIN_INPUTS /* what happens at every step, in one pass */
-    if (instance && references && values && instance->s.phase & WRITABLE) {
+    if (instance && references && values && instance->s.phase & MAY_SET) {
         while (i < n && references[i] - INPUT_0 < N_INPUTS && fabs(values[i]) <= DBL_MAX) {
             instance->s.v[references[i]] = values[i];
             i++;
@@ -198,10 +190,12 @@ FMI2_EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference r
 }
 
 /* For calls that only n == 0 variables can be passed to. */
-static fmi2Status not_offered(Instance *instance, int phases, size_t n, const char *function, const char *why) {
+enum { INPUT_DERIVATIVES, OUTPUT_DERIVATIVES };
+static fmi2Status not_offered(Instance *instance, int phases, size_t n, int what, const char *function) {
     if (illegal(instance, phases, function)) return fmi2Error;
     if (n == 0) return fmi2OK;
-    say(instance, ERROR, "%s: %s.", function, why);
+    if (what == INPUT_DERIVATIVES) say(instance, ERROR, SAY_NO_INPUT_DERIVATIVES, function);
+    else say(instance, ERROR, SAY_NO_OUTPUT_DERIVATIVES, function);
     return fail(instance);
 }
 
@@ -210,8 +204,7 @@ FMI2_EXPORT fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2Va
     (void)references;
     (void)orders;
     (void)values;
-    return not_offered(c, WRITABLE, n, "fmi2SetRealInputDerivatives",
-                       "inputs are held over a step (canInterpolateInputs is false)");
+    return not_offered(c, MAY_SET, n, INPUT_DERIVATIVES, "fmi2SetRealInputDerivatives");
 }
 
 FMI2_EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,
@@ -219,7 +212,7 @@ FMI2_EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2V
     (void)references;
     (void)orders;
     (void)values;
-    return not_offered(c, READABLE, n, "fmi2GetRealOutputDerivatives", "not provided (maxOutputDerivativeOrder is 0)");
+    return not_offered(c, MAY_GET, n, OUTPUT_DERIVATIVES, "fmi2GetRealOutputDerivatives");
 }
 
 /* ---- FMU state ---- */
@@ -260,7 +253,7 @@ FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
 
 FMI2_EXPORT fmi2Status fmi2EnterEventMode(fmi2Component c) {
     Instance *instance = c;
-    if (illegal(instance, CONTINUOUS_TIME, "fmi2EnterEventMode")) return fmi2Error;
+    if (illegal(instance, MAY_ENTER_EVENT_MODE, "fmi2EnterEventMode")) return fmi2Error;
     instance->s.phase = EVENT_MODE;
     return fmi2OK;
 }
@@ -272,7 +265,7 @@ FMI2_EXPORT fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
 /* There are no events: inputs may jump at any event mode. */
 FMI2_EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     Instance *instance = c;
-    if (illegal(instance, EVENT_MODE, "fmi2NewDiscreteStates") || missing(instance, info, 1, "fmi2NewDiscreteStates"))
+    if (illegal(instance, MAY_UPDATE_DISCRETE_STATES, "fmi2NewDiscreteStates") || missing(instance, info, 1, "fmi2NewDiscreteStates"))
         return fmi2Error;
     memset(info, 0, sizeof *info);
     return fmi2OK;
@@ -282,7 +275,7 @@ FMI2_EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean 
                                                    fmi2Boolean *terminate) {
     static const char function[] = "fmi2CompletedIntegratorStep";
     (void)no_rollback;
-    if (illegal(c, CONTINUOUS_TIME, function) || missing(c, enter_event_mode, 1, function) ||
+    if (illegal(c, MAY_COMPLETE_STEP, function) || missing(c, enter_event_mode, 1, function) ||
         missing(c, terminate, 1, function))
         return fmi2Error;
     *enter_event_mode = *terminate = fmi2False;
@@ -316,24 +309,22 @@ FMI2_EXPORT fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Re
 FMI2_EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_rollback) {
     static const char function[] = "fmi2DoStep";
     (void)no_rollback;
-    return steppable(c, time, step, function) ? step_to(c, time, time + step, function) : ERROR;
+    return steppable(c, time, step, function) ? step_to(c, time, step, function) : ERROR;
 }
 
 FMI2_EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {
     Instance *instance = c;
-    if (illegal(instance, ANY, "fmi2CancelStep")) return fmi2Error;
-    say(instance, ERROR, "fmi2CancelStep: no step is in progress, fmi2DoStep returns when it is done.");
+    if (illegal(instance, MAY_CALL, "fmi2CancelStep")) return fmi2Error;
+    say(instance, ERROR, SAY_NO_STEP_IN_PROGRESS, "fmi2CancelStep");
     return fail(instance);
 }
-
-#define AFTER_STEPS (STEP_COMPLETE | STEP_FAILED | TERMINATED)
 
 /* The only kind of status there is for a type; others are discarded. */
 static fmi2Status only(Instance *instance, fmi2StatusKind kind, fmi2StatusKind known, const void *value, const char *function,
                        const char *name) {
-    if (illegal(instance, AFTER_STEPS, function) || missing(instance, value, 1, function)) return fmi2Error;
+    if (illegal(instance, MAY_ASK_STATUS, function) || missing(instance, value, 1, function)) return fmi2Error;
     if (kind == known) return fmi2OK;
-    say(instance, DISCARD, "%s: only %s is known.", function, name);
+    say(instance, DISCARD, SAY_ONLY_STATUS, function, name);
     return fmi2Discard;
 }
 
@@ -351,8 +342,8 @@ FMI2_EXPORT fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKin
 }
 
 static fmi2Status no_status(Instance *instance, const char *function) {
-    if (illegal(instance, AFTER_STEPS, function)) return fmi2Error;
-    say(instance, DISCARD, "%s: fmi2DoStep never returns fmi2Pending, there is no such status.", function);
+    if (illegal(instance, MAY_ASK_STATUS, function)) return fmi2Error;
+    say(instance, DISCARD, SAY_NEVER_PENDING, function);
     return fmi2Discard;
 }
 

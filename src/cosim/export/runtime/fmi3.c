@@ -4,6 +4,7 @@
    The last of the references is that of time.
    Event mode: a controller's sampling instants are its events. An importer that uses it gets a controller's answer to
    the inputs of a sampling instant without delay: set them and read outputs there, before fmi3EnterStepMode. */
+#include "contract.h"
 #include "fmi3.h"
 
 typedef struct {
@@ -12,12 +13,8 @@ typedef struct {
     int event_mode_used;
     int early_return_allowed;
 } Host;
-#define FMI "fmi3"
-#define STANDARD "FMI 3.0"
-#define TOKEN "instantiationToken"
 #define UNFINISHED ERROR /* fmi3Discard would promise that nothing has changed */
 #define ELEMENTS(reference) lengths[reference]
-#define GETTABLE ANY
 
 enum { INT8 = UNSIGNED + 1, UINT8, INT16, UINT16, UINT32, FLOAT32, BINARY, CLOCK };
 static const char *const type_names[] = {"Float64", "Int32", "Boolean", "String", "Int64",   "UInt64", "Int8",
@@ -39,25 +36,21 @@ static void deliver(const Instance *instance, int status, const char *category, 
 
 FMI3_EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 
+enum { NOTHING, FOR_CO_SIMULATION_ONLY, NO_EVENT_MODE, NO_INTERMEDIATE_UPDATE, NO_SCHEDULED_EXECUTION };
+
 /* An instance, or NULL with a message, which an importer gets even if logging is off. */
-static Instance *instantiate(const char *name, const char *token, Host host, int model_exchange, int logging,
-                             const char *refusal, const char *function) {
+static Instance *instantiate(const char *name, const char *token, Host host, int model_exchange, int logging, int missed,
+                             const char *function) {
     Instance probe;
-    void *memory;
     memset(&probe, 0, sizeof probe);
     probe.host = host;
     probe.categories = EVERY_CATEGORY;
     if (!acceptable(&probe, name, token, function)) return NULL;
-    if (refusal) {
-        say(&probe, ERROR, "%s: " MODEL_NAME " %s", function, refusal);
-        return NULL;
-    }
-    memory = calloc(1, instance_size(name));
-    if (!memory) {
-        say(&probe, ERROR, "%s: out of memory.", function);
-        return NULL;
-    }
-    return make_instance(memory, name, host, model_exchange, logging);
+    if (missed == FOR_CO_SIMULATION_ONLY) say(&probe, ERROR, SAY_CO_SIMULATION_ONLY, function);
+    if (missed == NO_EVENT_MODE) say(&probe, ERROR, SAY_NO_EVENT_MODE, function);
+    if (missed == NO_INTERMEDIATE_UPDATE) say(&probe, ERROR, SAY_NO_INTERMEDIATE_UPDATE, function);
+    if (missed == NO_SCHEDULED_EXECUTION) say(&probe, ERROR, SAY_NO_SCHEDULED_EXECUTION, function);
+    return missed ? NULL : make_instance(&probe, name, host, model_exchange, logging, function);
 }
 
 FMI3_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
@@ -67,24 +60,24 @@ FMI3_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String
                                                      fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                                      fmi3IntermediateUpdateCallback intermediate_update) {
     const Host host = {environment, log, event_mode_used, early_return_allowed};
-    const char *refusal = NULL;
+    int missed = NOTHING;
     (void)resources;
     (void)visible;
     (void)intermediate;
     (void)intermediate_update;
-    if (event_mode_used && KIND != CONTROLLER) refusal = "has no event mode (hasEventMode is false). Pass eventModeUsed = false.";
-    if (n_intermediate) refusal = "has no intermediate update. Pass no requiredIntermediateVariables.";
-    return instantiate(name, token, host, 0, logging, refusal, "fmi3InstantiateCoSimulation");
+    if (event_mode_used && KIND != CONTROLLER) missed = NO_EVENT_MODE;
+    if (n_intermediate) missed = NO_INTERMEDIATE_UPDATE;
+    return instantiate(name, token, host, 0, logging, missed, "fmi3InstantiateCoSimulation");
 }
 
 FMI3_EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
                                                       fmi3Boolean visible, fmi3Boolean logging,
                                                       fmi3InstanceEnvironment environment, fmi3LogMessageCallback log) {
     const Host host = {environment, log, 1, 0};
-    const char *refusal = KIND == PLANT ? NULL : "is a co-simulation FMU. Call fmi3InstantiateCoSimulation.";
     (void)resources;
     (void)visible;
-    return instantiate(name, token, host, 1, logging, refusal, "fmi3InstantiateModelExchange");
+    return instantiate(name, token, host, 1, logging, KIND == PLANT ? NOTHING : FOR_CO_SIMULATION_ONLY,
+                       "fmi3InstantiateModelExchange");
 }
 
 FMI3_EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
@@ -98,8 +91,7 @@ FMI3_EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3
     (void)update;
     (void)lock;
     (void)unlock;
-    return instantiate(name, token, host, 0, logging, "has no scheduled execution. Call fmi3InstantiateCoSimulation.",
-                       "fmi3InstantiateScheduledExecution");
+    return instantiate(name, token, host, 0, logging, NO_SCHEDULED_EXECUTION, "fmi3InstantiateScheduledExecution");
 }
 
 FMI3_EXPORT void fmi3FreeInstance(fmi3Instance c) { free(c); }
@@ -108,10 +100,11 @@ FMI3_EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_
     static const char function[] = "fmi3SetDebugLogging";
     Instance *instance = c;
     unsigned categories;
-    if (illegal(instance, ANY, function) || missing(instance, names, n, function)) return fmi3Error;
+    if (illegal(instance, MAY_SET_LOGGING, function) || missing(instance, names, n, function)) return fmi3Error;
     categories = n ? named_categories(instance, n, names, function) : EVERY_CATEGORY;
     if (!categories) return fmi3Error;
     instance->categories = on ? instance->categories | categories : instance->categories & ~categories;
+    if (!on && n == 0) instance->categories = ONLY_ERRORS;
     return fmi3OK;
 }
 
@@ -119,7 +112,7 @@ FMI3_EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean t
                                                    fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
     static const char function[] = "fmi3EnterInitializationMode";
     Instance *instance = c;
-    if (illegal(instance, INSTANTIATED, function)) return fmi3Error;
+    if (illegal(instance, MAY_ENTER_INITIALIZATION, function)) return fmi3Error;
     if (set_up(instance, tolerance_defined, tolerance, start, stop_defined, stop, function) != OK) return fmi3Error;
     enter_initialization(instance);
     return fmi3OK;
@@ -128,16 +121,16 @@ FMI3_EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean t
 FMI3_EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
     static const char function[] = "fmi3ExitInitializationMode";
     Instance *instance = c;
-    if (illegal(instance, INITIALIZATION, function)) return fmi3Error;
+    if (illegal(instance, MAY_EXIT_INITIALIZATION, function)) return fmi3Error;
     return leave_initialization(instance, instance->host.event_mode_used ? EVENT_MODE : STEP_COMPLETE, function);
 }
 
 FMI3_EXPORT fmi3Status fmi3EnterEventMode(fmi3Instance c) {
     static const char function[] = "fmi3EnterEventMode";
     Instance *instance = c;
-    if (illegal(instance, CONTINUOUS_TIME | STEP_COMPLETE, function)) return fmi3Error;
+    if (illegal(instance, MAY_ENTER_EVENT_MODE, function)) return fmi3Error;
     if (!instance->host.event_mode_used) {
-        say(instance, ERROR, "%s: the instance was made with eventModeUsed = false. Stay in step mode.", function);
+        say(instance, ERROR, SAY_NO_EVENT_MODE_USED, function);
         return fail(instance);
     }
     instance->s.phase = EVENT_MODE;
@@ -147,14 +140,14 @@ FMI3_EXPORT fmi3Status fmi3EnterEventMode(fmi3Instance c) {
 
 FMI3_EXPORT fmi3Status fmi3Terminate(fmi3Instance c) {
     Instance *instance = c;
-    if (illegal(instance, STEP_COMPLETE | EXCHANGE, "fmi3Terminate")) return fmi3Error;
+    if (illegal(instance, MAY_TERMINATE, "fmi3Terminate")) return fmi3Error;
     instance->s.phase = TERMINATED;
     return fmi3OK;
 }
 
 FMI3_EXPORT fmi3Status fmi3Reset(fmi3Instance c) {
     Instance *instance = c;
-    if (illegal(instance, ANY, "fmi3Reset")) return fmi3Error;
+    if (illegal(instance, MAY_RESET, "fmi3Reset")) return fmi3Error;
     set_start_values(&instance->s);
     return fmi3OK;
 }
@@ -166,8 +159,7 @@ static int sized(Instance *instance, const fmi3ValueReference references[], size
     size_t expected = 0;
     for (size_t i = 0; i < n; i++) expected += (size_t)lengths[references[i]];
     if (expected == n_values) return 1;
-    say(instance, ERROR, "%s: %lu values, but the variables have %lu elements. Pass one for each.", function,
-        (unsigned long)n_values, (unsigned long)expected);
+    say(instance, ERROR, SAY_WRONG_NUMBER, function, (unsigned long)n_values, (unsigned long)expected);
     fail(instance);
     return 0;
 }
@@ -187,14 +179,17 @@ static int prepare_write(Instance *instance, const fmi3ValueReference references
 FMI3_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[],
                                       size_t n_values) {
     Instance *instance = c;
+    int status = OK;
     if (prepare_read(instance, references, n, values, n_values, REAL, "fmi3GetFloat64")) return fmi3Error;
     for (size_t i = 0; i < n; i++) {
         const size_t length = (size_t)lengths[references[i]];
         const double *from = variables[references[i]].role == INDEPENDENT ? &instance->s.time : instance->s.v + references[i];
         memcpy(values, from, length * sizeof *values);
         values += length;
+        if (status == OK && not_finite(from, (int)length) >= 0)
+            status = discard_result(instance, references[i], "fmi3GetFloat64");
     }
-    return fmi3OK;
+    return status;
 }
 
 FMI3_EXPORT fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n,
@@ -274,49 +269,49 @@ FMI3_EXPORT fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference ref
 }
 
 /* A function that these FMUs do not offer: it is an error, with a reason. */
-static fmi3Status not_offered(Instance *instance, const char *function, const char *why) {
-    if (illegal(instance, ANY, function)) return fmi3Error;
-    say(instance, ERROR, "%s: %s.", function, why);
-    return fail(instance);
-}
-
-#define NOT_OFFERED(NAME, why, ...) \
-    FMI3_EXPORT fmi3Status NAME(fmi3Instance c, __VA_ARGS__) { return not_offered(c, #NAME, why); }
-#define NO_CLOCK "there are no clocks, a sampling instant is an event"
-#define NO_DEPENDENCIES "providesPerElementDependencies is false, see ModelStructure"
+#define REFUSE(instance, function, text)                               \
+    do {                                                               \
+        if (!illegal(instance, MAY_CALL, function)) {                  \
+            say(instance, ERROR, text, function);                      \
+            fail(instance);                                            \
+        }                                                              \
+        return fmi3Error;                                              \
+    } while (0)
+#define NOT_OFFERED(NAME, text, ...) \
+    FMI3_EXPORT fmi3Status NAME(fmi3Instance c, __VA_ARGS__) { REFUSE(c, #NAME, text); }
 
 #if defined __clang__ || defined __GNUC__
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
-NOT_OFFERED(fmi3GetIntervalDecimal, NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3Float64 i[],
+NOT_OFFERED(fmi3GetIntervalDecimal, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3Float64 i[],
             fmi3IntervalQualifier q[])
-NOT_OFFERED(fmi3GetIntervalFraction, NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3UInt64 i[], fmi3UInt64 u[],
+NOT_OFFERED(fmi3GetIntervalFraction, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3UInt64 i[], fmi3UInt64 u[],
             fmi3IntervalQualifier q[])
-NOT_OFFERED(fmi3GetShiftDecimal, NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3Float64 s[])
-NOT_OFFERED(fmi3GetShiftFraction, NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3UInt64 s[], fmi3UInt64 u[])
-NOT_OFFERED(fmi3SetIntervalDecimal, NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3Float64 i[])
-NOT_OFFERED(fmi3SetIntervalFraction, NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3UInt64 i[],
+NOT_OFFERED(fmi3GetShiftDecimal, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3Float64 s[])
+NOT_OFFERED(fmi3GetShiftFraction, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3UInt64 s[], fmi3UInt64 u[])
+NOT_OFFERED(fmi3SetIntervalDecimal, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3Float64 i[])
+NOT_OFFERED(fmi3SetIntervalFraction, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3UInt64 i[],
             const fmi3UInt64 u[])
-NOT_OFFERED(fmi3SetShiftDecimal, NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3Float64 s[])
-NOT_OFFERED(fmi3SetShiftFraction, NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3UInt64 s[],
+NOT_OFFERED(fmi3SetShiftDecimal, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3Float64 s[])
+NOT_OFFERED(fmi3SetShiftFraction, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3UInt64 s[],
             const fmi3UInt64 u[])
-NOT_OFFERED(fmi3ActivateModelPartition, NO_CLOCK, fmi3ValueReference r, fmi3Float64 t)
-NOT_OFFERED(fmi3GetNumberOfVariableDependencies, NO_DEPENDENCIES, fmi3ValueReference r, size_t *n)
-NOT_OFFERED(fmi3GetVariableDependencies, NO_DEPENDENCIES, fmi3ValueReference r, size_t e[], fmi3ValueReference i[],
+NOT_OFFERED(fmi3ActivateModelPartition, SAY_NO_CLOCK, fmi3ValueReference r, fmi3Float64 t)
+NOT_OFFERED(fmi3GetNumberOfVariableDependencies, SAY_NO_DEPENDENCIES, fmi3ValueReference r, size_t *n)
+NOT_OFFERED(fmi3GetVariableDependencies, SAY_NO_DEPENDENCIES, fmi3ValueReference r, size_t e[], fmi3ValueReference i[],
             size_t f[], fmi3DependencyKind k[], size_t n)
-NOT_OFFERED(fmi3GetOutputDerivatives, "not provided (maxOutputDerivativeOrder is 0)", const fmi3ValueReference r[],
+NOT_OFFERED(fmi3GetOutputDerivatives, SAY_NO_OUTPUT_DERIVATIVES, const fmi3ValueReference r[],
             size_t n, const fmi3Int32 o[], fmi3Float64 v[], size_t m)
 #if defined __clang__ || defined __GNUC__
 #pragma GCC diagnostic pop
 #endif
 
 FMI3_EXPORT fmi3Status fmi3EnterConfigurationMode(fmi3Instance c) {
-    return not_offered(c, "fmi3EnterConfigurationMode", "there are no structural parameters");
+    REFUSE(c, "fmi3EnterConfigurationMode", SAY_NO_STRUCTURE);
 }
 
 FMI3_EXPORT fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) {
-    return not_offered(c, "fmi3ExitConfigurationMode", "there are no structural parameters");
+    REFUSE(c, "fmi3ExitConfigurationMode", SAY_NO_STRUCTURE);
 }
 
 /* ---- FMU state ---- */
@@ -350,8 +345,7 @@ FMI3_EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte by
 /* Whether there are as many seeds and results as variables, which are no arrays here; if not it is logged. */
 static int one_each(Instance *instance, size_t n, size_t given, const char *function) {
     if (n == given) return 1;
-    say(instance, ERROR, "%s: %lu values for %lu variables. Pass one for each.", function, (unsigned long)given,
-        (unsigned long)n);
+    say(instance, ERROR, SAY_ONE_EACH, function, (unsigned long)given, (unsigned long)n);
     fail(instance);
     return 0;
 }
@@ -361,7 +355,7 @@ FMI3_EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3Va
                                                     const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[],
                                                     size_t n_sensitivity) {
     static const char function[] = "fmi3GetDirectionalDerivative";
-    if (illegal(c, READABLE, function) || !one_each(c, n_known, n_seed, function) ||
+    if (illegal(c, MAY_DIFFERENTIATE, function) || !one_each(c, n_known, n_seed, function) ||
         !one_each(c, n_unknown, n_sensitivity, function))
         return fmi3Error;
     return directional_derivative(c, unknowns, n_unknown, knowns, n_known, seed, sensitivity, function);
@@ -373,7 +367,7 @@ FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
     static const char function[] = "fmi3GetAdjointDerivative";
     double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
     double weights[AT_LEAST_1(N_CONTINUOUS + N_OUTPUTS)] = {0.0};
-    if (illegal(c, READABLE, function) || !one_each(c, n_unknown, n_seed, function) ||
+    if (illegal(c, MAY_DIFFERENTIATE, function) || !one_each(c, n_unknown, n_seed, function) ||
         !one_each(c, n_known, n_sensitivity, function))
         return fmi3Error;
     if (missing(c, unknowns, n_unknown, function) || missing(c, knowns, n_known, function) ||
@@ -391,6 +385,7 @@ FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
         sensitivity[i] = 0.0;
         for (size_t k = 0; k < N_CONTINUOUS + N_OUTPUTS; k++)
             sensitivity[i] += weights[k] * partials[k * N_KNOWN + (size_t)column];
+        if (!isfinite(sensitivity[i])) return discard_result(c, knowns[i], function);
     }
     return fmi3OK;
 }
@@ -400,10 +395,19 @@ FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
 #if KIND == CONTROLLER
 /* The first sampling instant behind the time of the instance. */
 static double next_instant(const State *s) { return instant_ahead(s, at_sampling_instant(s)); }
+
+/* Whether there is a sampling instant between the beginning of a step and its end; where to go in the importer's time. */
+static int instant_within(State *s, double step, double end, double *next) {
+    const double behind = at_sampling_instant(s) ? 1.0 : 0.0;
+    count_ticks(s, step, end);
+    *next = instant_ahead(s, behind);
+    if (s->per_sample > 0.0) return s->ahead + behind * s->per_sample < s->fraction.ticks - SAME_TICK;
+    return *next < end - same_instant(s);
+}
 #endif
 
 FMI3_EXPORT fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance c) {
-    return illegal(c, EVENT_MODE, "fmi3EvaluateDiscreteStates") ? fmi3Error : fmi3OK;
+    return illegal(c, MAY_UPDATE_DISCRETE_STATES, "fmi3EvaluateDiscreteStates") ? fmi3Error : fmi3OK;
 }
 
 FMI3_EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *needed, fmi3Boolean *terminate,
@@ -411,7 +415,7 @@ FMI3_EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *nee
                                                 fmi3Boolean *next_event_defined, fmi3Float64 *next_event) {
     static const char function[] = "fmi3UpdateDiscreteStates";
     Instance *instance = c;
-    if (illegal(instance, EVENT_MODE, function) || missing(instance, needed, 1, function) ||
+    if (illegal(instance, MAY_UPDATE_DISCRETE_STATES, function) || missing(instance, needed, 1, function) ||
         missing(instance, terminate, 1, function) || missing(instance, nominals_changed, 1, function) ||
         missing(instance, states_changed, 1, function) || missing(instance, next_event_defined, 1, function) ||
         missing(instance, next_event, 1, function))
@@ -428,8 +432,8 @@ FMI3_EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *nee
 FMI3_EXPORT fmi3Status fmi3EnterStepMode(fmi3Instance c) {
     static const char function[] = "fmi3EnterStepMode";
     Instance *instance = c;
-    if (illegal(instance, EVENT_MODE, function)) return fmi3Error;
-    if (instance->model_exchange) return not_offered(instance, function, "the instance is one for model exchange");
+    if (illegal(instance, MAY_ENTER_STEP_MODE, function)) return fmi3Error;
+    if (instance->model_exchange) REFUSE(instance, function, SAY_FOR_MODEL_EXCHANGE);
     instance->s.phase = STEP_COMPLETE;
     return fmi3OK;
 }
@@ -439,8 +443,8 @@ FMI3_EXPORT fmi3Status fmi3EnterStepMode(fmi3Instance c) {
 FMI3_EXPORT fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) {
     static const char function[] = "fmi3EnterContinuousTimeMode";
     Instance *instance = c;
-    if (illegal(instance, EVENT_MODE, function)) return fmi3Error;
-    if (!instance->model_exchange) return not_offered(instance, function, "the instance is one for co-simulation");
+    if (illegal(instance, MAY_ENTER_CONTINUOUS_TIME, function)) return fmi3Error;
+    if (!instance->model_exchange) REFUSE(instance, function, SAY_FOR_CO_SIMULATION);
     return enter_continuous_time(instance, function);
 }
 
@@ -448,7 +452,7 @@ FMI3_EXPORT fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean n
                                                    fmi3Boolean *terminate) {
     static const char function[] = "fmi3CompletedIntegratorStep";
     (void)no_rollback;
-    if (illegal(c, CONTINUOUS_TIME, function) || missing(c, enter_event_mode, 1, function) ||
+    if (illegal(c, MAY_COMPLETE_STEP, function) || missing(c, enter_event_mode, 1, function) ||
         missing(c, terminate, 1, function))
         return fmi3Error;
     *enter_event_mode = *terminate = false;
@@ -479,14 +483,14 @@ FMI3_EXPORT fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Flo
 
 FMI3_EXPORT fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n) {
     static const char function[] = "fmi3GetNumberOfEventIndicators";
-    if (illegal(c, ANY, function) || missing(c, n, 1, function)) return fmi3Error;
+    if (illegal(c, MAY_CALL, function) || missing(c, n, 1, function)) return fmi3Error;
     *n = 0;
     return fmi3OK;
 }
 
 FMI3_EXPORT fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n) {
     static const char function[] = "fmi3GetNumberOfContinuousStates";
-    if (illegal(c, ANY, function) || missing(c, n, 1, function)) return fmi3Error;
+    if (illegal(c, MAY_CALL, function) || missing(c, n, 1, function)) return fmi3Error;
     *n = N_CONTINUOUS;
     return fmi3OK;
 }
@@ -500,7 +504,7 @@ FMI3_EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
     Instance *instance = c;
     int status;
     (void)no_rollback;
-    if (illegal(instance, STEP_COMPLETE, function) || missing(instance, event_handling_needed, 1, function) ||
+    if (illegal(instance, MAY_STEP, function) || missing(instance, event_handling_needed, 1, function) ||
         missing(instance, terminate, 1, function) || missing(instance, early_return, 1, function) ||
         missing(instance, last_successful_time, 1, function))
         return fmi3Error;
@@ -509,15 +513,13 @@ FMI3_EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
     if (!steppable(instance, time, step, function)) return fmi3Error;
 #if KIND == CONTROLLER
     if (instance->host.event_mode_used && instance->host.early_return_allowed) {
-        /* to the first sampling instant behind this point */
-        const double next = next_instant(&instance->s);
-        if (next < time + step - same_instant(&instance->s)) {
-            step = next - time;
-            *early_return = true;
-        }
+        double next;
+        instance->s.time = time;
+        *early_return = instant_within(&instance->s, step, time + step, &next);
+        if (*early_return) step = next - time;
     }
 #endif
-    status = step_to(instance, time, time + step, function);
+    status = step_to(instance, time, step, function);
     *last_successful_time = instance->s.time;
     if (status != OK) return status;
 #if KIND == CONTROLLER

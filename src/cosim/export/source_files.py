@@ -1,0 +1,187 @@
+"""The files of a component's author: the component in a file, and the files beside it that it imports."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import inspect
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from ..errors import DescriptionError, TraceError, suggest
+from ..model import Component, Controller, Plant, Source
+from .place import of_class, of_error, place
+
+TAKEN = ("cosim", "pythonfmu")
+"""Names of packages that a Python FMU holds beside the author's files."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a module is: a folder to import from, and its name there with dots."""
+
+    root: Path
+    module: str
+
+    def file(self, module: str) -> Path | None:
+        """The file of another module of the same folder, None if it is not there."""
+        base = self.root.joinpath(*module.split("."))
+        found = (base.with_suffix(".py"), base / "__init__.py")
+        return next((path for path in found if path.is_file()), None)
+
+
+def origin(path: Path) -> Origin:
+    """The origin of a file: packages around it belong to the name of its module."""
+    path = path.resolve()
+    root, names = path.parent, [re.sub(r"\W", "_", path.stem)]
+    while (root / "__init__.py").is_file():
+        names.insert(0, root.name)
+        root = root.parent
+    return Origin(root, ".".join(names))
+
+
+def component_origin(kind: type[Component]) -> Origin:
+    """The origin of the file of a component."""
+    return origin(Path(inspect.getfile(kind)))
+
+
+def is_of_library(kind: type[Component]) -> bool:
+    """Whether a component is one of this project's own."""
+    return component_origin(kind).module.startswith("fmus.")
+
+
+# ---- import ----
+
+
+def load_component(path: Path, name: str | None = None) -> type[Component]:
+    """Import the component ``name`` of a file, or its only one.
+
+    Raises DescriptionError with file, line and remedy for a file that cannot be imported or has no such component.
+    """
+    if path.suffix != ".py" or not path.is_file():
+        known = [str(other.name) for other in path.parent.glob("*.py")] if path.parent.is_dir() else []
+        raise DescriptionError(f"{path}: there is no such Python file.{suggest(path.name, known)}")
+    found = {
+        key: value
+        for key, value in vars(_imported(path.resolve())).items()
+        if isinstance(value, type)
+        and issubclass(value, Component)
+        and value not in (Plant, Controller, Source, Component)
+    }
+    own = {key: value for key, value in found.items() if Path(inspect.getfile(value)).resolve() == path.resolve()}
+    if name is not None:
+        if name not in found:
+            raise DescriptionError(f"{path.name}: has no component '{name}'.{suggest(name, own)}")
+        return found[name]
+    if not own:
+        raise DescriptionError(
+            f"{path.name}: has no component. Derive a class from Plant, Controller or Source of cosim.model."
+        )
+    if len(own) > 1:
+        listed = "; ".join(f"{key} ({of_class(value)})" for key, value in own.items())
+        first = next(iter(own))
+        raise DescriptionError(f"{path.name}: has {len(own)} components: {listed}. Name one: {path.name}:{first}")
+    return next(iter(own.values()))
+
+
+def _imported(path: Path) -> ModuleType:
+    """The module of a file, imported once; what goes wrong becomes a DescriptionError."""
+    where = origin(path)
+    if where.module.partition(".")[0] in TAKEN:
+        raise DescriptionError(f"{path.name}: the name {where.module} is taken. Give the file another name.")
+    if str(where.root) not in sys.path:
+        sys.path.insert(0, str(where.root))
+    try:
+        if "." in where.module:
+            return importlib.import_module(where.module)
+        return _from_file(path, where.module)
+    except SyntaxError as error:
+        at = place(error.filename or str(path), error.lineno)
+        raise DescriptionError(f"{at}: {error.msg}. Python cannot read this line.") from error
+    except (DescriptionError, TraceError) as error:
+        raise DescriptionError(f"{of_error(error.__traceback__, str(path)) or path.name}: {error}") from error
+    except (Exception, SystemExit) as error:
+        at = of_error(error.__traceback__) or path.name
+        hint = ""
+        if isinstance(error, ModuleNotFoundError):
+            hint = f" Put {error.name}.py beside {path.name}, or install {error.name}."
+        text = f"{type(error).__name__}: {error}".rstrip(": .")
+        raise DescriptionError(f"{at}: importing it failed: {text}.{hint}") from error
+
+
+def _from_file(path: Path, name: str) -> ModuleType:
+    """The module of a file outside of packages; its name says where it is, so that it meets no other module."""
+    unique = f"{name}_{sha256(str(path).encode()).hexdigest()[:16]}"
+    if unique not in sys.modules:
+        spec = importlib.util.spec_from_file_location(unique, path)
+        if spec is None or spec.loader is None:
+            raise DescriptionError(f"{path}: Python cannot import it.")
+        sys.modules[unique] = importlib.util.module_from_spec(spec)
+        try:
+            spec.loader.exec_module(sys.modules[unique])
+        except BaseException:
+            del sys.modules[unique]
+            raise
+    return sys.modules[unique]
+
+
+# ---- files a component needs ----
+
+
+def needed_files(where: Origin, path: Path) -> dict[str, Path]:
+    """Module with dots -> file, for a component's module in ``path`` and all it imports of its own folder, in order."""
+    found: dict[str, Path] = {}
+    pending: list[tuple[str, Path]] = [(where.module, path)]
+    while pending:
+        module, file = pending.pop()
+        if module in found:
+            continue
+        found[module] = file
+        for name in (*imported_modules(file, module), module.rpartition(".")[0]):
+            if not name:
+                continue
+            beside = where.file(name)
+            if beside is not None and name.partition(".")[0] not in TAKEN:
+                pending.append((name, beside))
+    return dict(sorted(found.items()))
+
+
+def imported_modules(path: Path, module: str) -> Iterator[str]:
+    """Full names of what a file imports; of ``from a import b`` both ``a`` and ``a.b``, which may be a module."""
+    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), path.name)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            name = ".".join([*base, *([node.module] if node.module else [])])
+            yield from (name, *(f"{name}.{alias.name}".lstrip(".") for alias in node.names))
+
+
+def relative_imports(path: Path, module: str, local: Mapping[str, Any]) -> str:
+    """The text of a file with its imports of ``cosim`` and of ``local`` modules made relative.
+
+    Then the package around it may have any name. Raises DescriptionError for an import that has no relative form.
+    """
+    text = path.read_text(encoding="utf-8")
+    tops = {"cosim", *(name.partition(".")[0] for name in local)}
+    dots = "." * (len(module.split(".")) + (path.name == "__init__.py"))
+    names = "|".join(sorted(map(re.escape, tops)))
+    text = re.sub(rf"^(\s*from )({names})(?=[. ])", rf"\g<1>{dots}\g<2>", text, flags=re.MULTILINE)
+    alone = rf"^(\s*)import ({names})(?=[ \t]*(?:as \w+[ \t]*)?(?:#.*)?$)"
+    text = re.sub(alone, rf"\g<1>from {dots} import \g<2>", text, flags=re.MULTILINE)
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import) and any(alias.name.partition(".")[0] in tops for alias in node.names):
+            listed = ", ".join(alias.name for alias in node.names)
+            raise DescriptionError(
+                f"{place(str(path), node.lineno)}: 'import {listed}' has no relative form, which a Python FMU needs. "
+                "Write 'from package import module', one a line."
+            )
+    return text

@@ -1,0 +1,235 @@
+"""Files that are there whole or not at all, and temporary folders that outlive no process for long."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Generator
+from functools import cache
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from .errors import DescriptionError, FileError
+
+PART = ".part"
+"""Ending of a file that is being written."""
+
+_REASONS = {
+    errno.ENOSPC: "no space is left on the disk",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EFBIG: "the file would be larger than allowed",
+    errno.EACCES: "no permission",
+    errno.EPERM: "no permission",
+    errno.EROFS: "the file system is read-only",
+    errno.ENAMETOOLONG: "the name is too long",
+    errno.ENOTDIR: "a part of the path is a file, not a folder",
+    errno.EISDIR: "it is a folder",
+    errno.ENOENT: "there is no such file or folder",
+    errno.EMFILE: "too many files are open",
+}
+
+
+def reason(error: OSError) -> str:
+    """Why an operation on a file failed, in words."""
+    return _REASONS.get(error.errno or 0) or error.strerror or str(error)
+
+
+def cannot_write(path: Path, error: OSError) -> FileError:
+    """The error for ``path``, which could not be written; a file that was there before is as it was."""
+    unchanged = " The file that was there before is unchanged." if _exists(path) else ""
+    return FileError(f"{path}: cannot be written: {reason(error)}.{unchanged}")
+
+
+class Replacement:
+    """A file being written beside ``path``; ``commit`` puts it in the place of ``path`` in one go.
+
+    Whatever happens before, a file that is there stays as it is. As a context manager it commits at the end, or
+    removes what was written if there was an exception. Raises FileError if the file cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            # The file that a link points to is replaced, not the link.
+            self._target = path.resolve()
+            self._target.parent.mkdir(parents=True, exist_ok=True)
+            self._part = _part(self._target)
+            self.file: BinaryIO = open(self._part, "xb")  # noqa: SIM115 (closed by commit and discard)
+        except OSError as error:
+            raise cannot_write(path, error) from None
+
+    def commit(self) -> None:
+        """Make the file complete on the disk, then give it its name."""
+        try:
+            self.file.flush()
+            os.fsync(self.file.fileno())
+            self.file.close()
+            with contextlib.suppress(FileNotFoundError):
+                shutil.copymode(self._target, self._part)
+            os.replace(self._part, self._target)
+        except OSError as error:
+            self.discard()
+            raise cannot_write(self.path, error) from None
+        except BaseException:
+            self.discard()
+            raise
+        _sync_folder(self._target.parent)
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        with contextlib.suppress(OSError):
+            self.file.close()
+        with contextlib.suppress(OSError):
+            self._part.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.commit()
+            return
+        self.discard()
+        if isinstance(error, OSError):
+            raise cannot_write(self.path, error) from None
+
+
+def write_file(path: Path, content: bytes | str) -> Path:
+    """Write a whole file in one go; text as UTF-8. Raises FileError."""
+    with Replacement(path) as new:
+        new.file.write(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def check_writable(path: Path) -> None:
+    """Raise DescriptionError unless a file ``path`` can be made now; folders that are missing would be made."""
+    if path.is_dir():
+        raise DescriptionError(f"{path} is a folder. Name a file.")
+    made: list[Path] = []
+    try:
+        target = path.resolve()
+        folder = target.parent
+        for place in (target, next(place for place in (folder, *folder.parents) if _exists(place))):
+            if _exists(place) and not stat.S_IMODE(place.stat().st_mode) & 0o222:
+                raise PermissionError(errno.EACCES, "write-protected", str(place))
+        for place in reversed([place for place in (folder, *folder.parents) if not _exists(place)]):
+            place.mkdir()
+            made.append(place)
+        part = _part(target)
+        open(part, "xb").close()
+        part.unlink()
+    except OSError as error:
+        raise DescriptionError(f"{path}: cannot be written: {reason(error)}. Name another file.") from None
+    finally:
+        for place in reversed(made):
+            with contextlib.suppress(OSError):
+                place.rmdir()
+
+
+def _part(target: Path) -> Path:
+    """A new name beside ``target``, shorter than its own where that is long."""
+    name = target.name
+    # Names of 255 bytes are the longest that usual file systems take: a longer one fails as it is.
+    kept = name if len(os.fsencode(name)) > 255 else name[:40]
+    return target.with_name(f"{kept}.{secrets.token_hex(4)}{PART}")
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
+def _sync_folder(folder: Path) -> None:
+    """Write the names in a folder to the disk, where the system can do that; the content is there already."""
+    with contextlib.suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
+
+
+# ---- temporary folders ----
+
+_PREFIX = "cosim-"
+
+
+@contextlib.contextmanager
+def temporary_folder() -> Generator[Path]:
+    """A folder that is removed at the end. Raises FileError.
+
+    Its name tells which process made it: if that one is killed, a later one removes the folder.
+    """
+    _remove_abandoned()
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{_identity(os.getpid())}-"))
+    except OSError as error:
+        place = os.environ.get("TMPDIR") or "the temporary folder"
+        raise FileError(f"{place}: cannot make a temporary folder there: {reason(error)}. Set TMPDIR.") from None
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@cache
+def _remove_abandoned() -> None:
+    """Remove the folders of processes that have ended without doing so; once a process."""
+    with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
+        for entry in entries:
+            parts = entry.name.removeprefix(_PREFIX).split("-")
+            if entry.name.startswith(_PREFIX) and len(parts) == 4 and parts[0].isdecimal():
+                owner = "-".join(parts[:3])
+                if parts[2] == _namespace() and owner != _identity(int(parts[0])):
+                    shutil.rmtree(entry.path, ignore_errors=True)
+
+
+def _identity(process: int) -> str:
+    """Number and start time of a process, and where that number holds; ``""`` for a process that is not there.
+
+    Numbers are used again, so the start time belongs to them. Containers have numbers of their own.
+    """
+    if not _alive(process):
+        return ""
+    started = "0"
+    with contextlib.suppress(OSError):
+        # Field 22; field 2 is the name in brackets, which may hold anything.
+        started = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()[19]
+    return f"{process}-{started}-{_namespace()}"
+
+
+@cache
+def _namespace() -> str:
+    try:
+        return os.readlink("/proc/self/ns/pid").partition("[")[2].rstrip("]")
+    except OSError:
+        return "0"
+
+
+def _alive(process: int) -> bool:
+    if sys.platform == "win32":
+        import ctypes
+
+        # os.kill would end it there. 0x1000: PROCESS_QUERY_LIMITED_INFORMATION
+        handle = ctypes.windll.kernel32.OpenProcess(0x1000, False, process)
+        if handle:
+            ctypes.windll.kernel32.CloseHandle(handle)
+        return bool(handle)
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True

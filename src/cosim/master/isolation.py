@@ -1,0 +1,361 @@
+"""A run whose FMUs live in a process of their own: whatever they do to it, the run is reported and its rows are kept.
+
+The process is forked where that is safe, otherwise started anew. This side only watches: it reads where the run is
+from shared memory, collects messages, ends a process that hangs, and tells what happened.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import queue
+import sys
+import threading
+import time as clock_time
+from typing import Any, BinaryIO, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CosimError, FileError
+from ..files import temporary_folder
+from ..result.result import Message, Result
+from ..system.system import System
+from . import loop
+from .board import DRAINED, FINISHED, IN_CALL, IN_LOOP, STEPPING, STOP, Board
+from .child import Job, Outcome
+from .instance import MAX_TEXT, CallError, RunError, log_message
+from .process import FmuProcess, fork_process, may_fork, shared_memory, signal_text, start_process
+from .run import Interrupted, Progress, check_memory, make_result, row_times
+from .signals import Presses, counted
+
+POLL_SECONDS = 0.05
+"""How often the watching process looks; a message or the end of the run wakes it at once."""
+
+GRACE_SECONDS = 0.5
+"""How long a call may go on after Ctrl-C before the process is ended: the command reacts within a second."""
+
+JOIN_SECONDS = 0.5
+"""How long to wait for what is still in the pipes of a process that has ended."""
+
+WINDOW_BYTES = 2**24
+"""Size of a window of rows, of which there are two, if the rows do not stay in memory."""
+
+PRINTED_LINES = 1000
+"""Lines that FMUs print which are kept."""
+
+MAX_FRAME = 2**26
+"""Bytes of the largest message or outcome that can be meant."""
+
+
+class ProcessError(CallError):
+    """The process of the FMUs crashed, was ended by an FMU, or did not come back from a call.
+
+    ``instance`` and ``function`` say which call it was in, or had come from; ``status`` is "Crash", "Exit" or
+    "Timeout"; ``result`` holds all complete rows.
+    """
+
+    def __init__(self, text: str, instance: str, function: str, *, time: float, status: str) -> None:
+        super().__init__(instance, function, time=time, status=status, message="")
+        self.args = (text,)
+
+
+class RecordError(RunError):
+    """The record of a run could not be written while it went on; ``result`` holds what was kept in memory."""
+
+
+class RecordSink(Protocol):
+    """Takes rows while the run goes on."""
+
+    def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+        """Take the next rows. Raises FileError, which ends the run."""
+        ...
+
+
+def simulate_isolated(
+    system: System,
+    *,
+    progress: Progress | None = None,
+    debug: bool = False,
+    keep_going: bool = False,
+    timeout: float | None = None,
+    sink: RecordSink | None = None,
+    most_bytes: int | None = None,
+    fork: bool | None = None,
+) -> Result:
+    """Run ``system`` once in another process.
+
+    An FMI call that takes longer than ``timeout`` seconds ends the run. If all rows need more than ``most_bytes``,
+    memory stays flat: ``sink`` gets all of them as they come, and the result holds every n-th row only, as if
+    ``decimation`` were larger. ``fork`` says whether to fork (default: where that is safe).
+    Raises what ``simulate`` raises, ProcessError, and RecordError if ``sink`` fails.
+    """
+    rows = system.steps // system.decimation + 1
+    columns = len(system.record)
+    # The loop may leave room for two rows in a window.
+    capacity, windows = rows + 2, 1
+    if most_bytes is not None and rows * columns * 8 > most_bytes:
+        capacity, windows = max(2, WINDOW_BYTES // max(8 * columns, 1)), 2
+    else:
+        check_memory(system, rows)
+    fork = may_fork() if fork is None else fork
+    with temporary_folder() as folder:
+        job = Job(folder, debug, keep_going, columns, capacity, windows)
+        every = 1 if windows == 1 or most_bytes is None else -(-rows * columns * 8 // most_bytes)
+        with shared_memory(folder, Board.size(columns, capacity, windows), shared_file=not fork) as (memory, file):
+            board = Board(memoryview(memory), columns, capacity, windows)
+            # Loaded here, it is there after a fork.
+            loop.compiled()
+            process = fork_process(system, job, memory) if fork else start_process(system, job, file)
+            watch = _Watch(system, process, board, timeout=timeout, progress=progress, sink=sink, every=every)
+            return watch.run()
+
+
+class _Watch:
+    """Watches one run to its end."""
+
+    def __init__(
+        self,
+        system: System,
+        process: FmuProcess,
+        board: Board,
+        *,
+        timeout: float | None,
+        progress: Progress | None,
+        sink: RecordSink | None,
+        every: int,
+    ) -> None:
+        self.system = system
+        self.process = process
+        self.board = board
+        self.timeout = timeout
+        self.progress = progress
+        self.sink = sink
+        self.every = every
+        self.started = clock_time.perf_counter()
+        self.came: queue.SimpleQueue[Message | Outcome | None] = queue.SimpleQueue()
+        self.messages: list[Message] = []
+        self.dropped = 0
+        self.outcome: Outcome | None = None
+        self.timed_out = False
+        self.failed: FileError | None = None
+        self.taken = 0
+        """Rows that were taken from windows."""
+        self.kept: list[NDArray[np.float64]] = []
+        self.mark: tuple[int, ...] = ()
+        self.since = self.started
+
+    def run(self) -> Result:
+        readers = [
+            (threading.Thread(target=read, args=(file,), daemon=True), file)
+            for read, file in ((self.read_channel, self.process.channel), (self.read_printed, self.process.printed))
+        ]
+        try:
+            with counted(most=2) as presses:
+                for reader, _ in readers:
+                    reader.start()
+                self.wait(presses)
+        finally:
+            self.process.kill()
+            for reader, file in readers:
+                reader.join(JOIN_SECONDS)
+                # A process that an FMU has started and that got away may hold the pipe: the thread is a daemon.
+                if not reader.is_alive():
+                    file.close()
+        while not self.came.empty():
+            self.take(self.came.get())
+        return self.result(presses)
+
+    def wait(self, presses: Presses) -> None:
+        """Until the process has ended, or has to be ended."""
+        pressed = 0.0
+        while not self.process.ended():
+            # A closed pipe mostly means the end: look soon. FMUs may close it, too.
+            with contextlib.suppress(queue.Empty):
+                self.take(self.came.get(timeout=POLL_SECONDS))
+            now = clock_time.perf_counter()
+            if self.drain():
+                self.since = now
+            if self.progress is not None:
+                self.progress(min(1.0, int(self.board.state[loop.POINT]) / self.system.steps))
+            if presses.count > 0:
+                self.board.flags[STOP] = 1
+                pressed = pressed or now
+            killed = presses.count > 1 or (pressed and now - pressed > GRACE_SECONDS) or self.failed is not None
+            if killed or self.overdue(now):
+                return
+
+    def take(self, item: Message | Outcome | None) -> None:
+        if isinstance(item, Message):
+            self.messages.append(item)
+            log_message(item)
+        elif isinstance(item, Outcome):
+            self.outcome = item
+        elif item is None:
+            # The end of a pipe: the process is about to end.
+            for _ in range(20):
+                if self.process.ended():
+                    return
+                clock_time.sleep(1e-3)
+
+    def overdue(self, now: float) -> bool:
+        """Whether the call that is made now takes too long."""
+        mark = self.board.mark()
+        if mark != self.mark:
+            self.mark, self.since = mark, now
+        calling = self.board.flags[IN_CALL] or self.board.flags[IN_LOOP]
+        self.timed_out = bool(self.timeout is not None and calling and now - self.since > self.timeout)
+        return self.timed_out
+
+    # Rows
+
+    def drain(self) -> bool:
+        """Take the windows that are full; whether there were any."""
+        full = self.board.full()
+        for rows in full:
+            self.keep(rows)
+            self.board.flags[DRAINED] += 1
+        return bool(full)
+
+    def keep(self, rows: NDArray[np.float64]) -> None:
+        numbers = np.arange(self.taken, self.taken + len(rows))
+        if self.sink is not None and self.failed is None:
+            try:
+                self.sink.write(row_times(self.system, numbers), rows)
+            except FileError as error:
+                self.failed = error
+        self.kept.append(rows[-self.taken % self.every :: self.every].copy())
+        self.taken += len(rows)
+
+    def rows(self) -> NDArray[np.float64]:
+        """All complete rows, or every n-th."""
+        board = self.board
+        count = int(board.state[loop.ROWS]) if board.flags[STEPPING] else 0
+        if len(board.rows) == 1:
+            # What FMUs may have done to this memory cannot make more rows of it.
+            rows = board.rows[0][: max(0, min(count, board.capacity - 2))]
+            return rows if sys.platform == "linux" else rows.copy()
+        self.drain()
+        due = -(-int(board.state[loop.POINT]) // self.system.decimation)
+        if self.taken + count > due + 1:
+            # Ended between handing a window over and beginning the next.
+            count = 0
+        self.keep(board.window[: max(0, min(count, board.capacity))])
+        return np.concatenate(self.kept)
+
+    # What happened
+
+    def time(self) -> float:
+        return float(self.system.start_time) + int(self.board.state[loop.POINT]) * float(self.system.step_size)
+
+    def call(self) -> tuple[str, str]:
+        """Instance and function of the call that is made now, or was made last."""
+        if self.board.flags[IN_LOOP]:
+            called = loop.call_of(self.board.state)
+            if called is not None and 0 <= called[0] < len(self.system.instances):
+                return self.system.instances[called[0]].name, called[1]
+        return self.board.called()
+
+    def result(self, presses: Presses) -> Result:
+        """What came out; raises what ended the run early."""
+        outcome = self.outcome
+        error = None if outcome is None else outcome.error
+        if outcome is not None and outcome.bug:
+            raise RuntimeError(f"in the process of the FMUs:\n{outcome.bug}")
+        if error is not None and not issubclass(error[0], RunError):
+            raise _rebuilt(error)
+        finished = bool(self.board.flags[FINISHED]) and self.process.code == 0
+        complete = int(self.board.state[loop.POINT]) == self.system.steps and bool(self.board.flags[STEPPING])
+        elapsed = clock_time.perf_counter() - self.started
+        result = make_result(
+            self.system,
+            self.rows(),
+            self.board.state,
+            every=self.every,
+            messages=self.messages,
+            dropped_messages=self.dropped + (0 if outcome is None else outcome.dropped_messages),
+            solver={} if outcome is None else outcome.solver,
+            partial=error is not None or not complete or (outcome is not None and outcome.stopped),
+            total_seconds=elapsed,
+            stepping_seconds=elapsed if outcome is None else outcome.seconds,
+        )
+        failure: RunError | None = None
+        if self.failed is not None:
+            failure = RecordError(str(self.failed), time=self.time())
+        elif error is not None:
+            failure = _rebuilt(error)
+        elif presses.count > 0 and (not finished or result.partial):
+            raise Interrupted(result, presses.number)
+        elif not finished:
+            failure = self.process_error()
+        if failure is not None:
+            failure.result = result
+            raise failure
+        return result
+
+    def process_error(self) -> ProcessError:
+        """Why the process has ended without having finished."""
+        instance, function = self.call()
+        code = self.process.code or 0
+        if self.timed_out:
+            status, what = "Timeout", f"had not come back after {self.timeout:g} s, the limit for a call, and was ended"
+        elif code < 0:
+            status, what = "Crash", f"crashed: {signal_text(-code)}"
+        elif code >= 0xC0000000:
+            # Windows ends processes that crash with the number of the exception.
+            status, what = "Crash", f"crashed with exception 0x{code:08X}"
+        else:
+            status, what = "Exit", f"ended its process with exit code {code}, which an FMU must not do"
+        time = self.time()
+        if not function:
+            where = "before the first call of an FMU, the process"
+        elif self.board.flags[IN_CALL] or self.board.flags[IN_LOOP]:
+            where = f"{instance}: {function} at {time:.9g} s"
+        else:
+            where = f"{instance}: after {function} at {time:.9g} s, a thread that was left running"
+        return ProcessError(f"{where} {what}.", instance, function, time=time, status=status)
+
+    # Threads that read the pipes
+
+    def read_channel(self, file: BinaryIO) -> None:
+        """Until the end of the pipe, which may come in the middle of a message."""
+        with contextlib.suppress(OSError, ValueError, EOFError, pickle.UnpicklingError):
+            while header := file.read(8):
+                length = int.from_bytes(header, "little")
+                content = file.read(length) if length <= MAX_FRAME else b""
+                if len(content) < length:
+                    break
+                self.came.put(pickle.loads(content))
+        self.came.put(None)
+
+    def read_printed(self, file: BinaryIO) -> None:
+        """What FMUs print: the first lines become messages, all others are counted."""
+        line, cut, lines = b"", False, 0
+
+        def end_line() -> None:
+            nonlocal line, cut, lines
+            if line.strip():
+                lines += 1
+                if lines <= PRINTED_LINES:
+                    text = line.decode("utf-8", "replace").rstrip() + (" ..." if cut else "")
+                    self.came.put(Message(self.call()[0], self.time(), "OK", "printed", text))
+                else:
+                    self.dropped += 1
+            line, cut = b"", False
+
+        with contextlib.suppress(OSError, ValueError):
+            while content := file.read(2**16):
+                *whole, rest = content.split(b"\n")
+                for part in whole:
+                    line, cut = line + part[: MAX_TEXT - len(line)], cut or len(line) + len(part) > MAX_TEXT
+                    end_line()
+                line, cut = line + rest[: MAX_TEXT - len(line)], cut or len(line) + len(rest) > MAX_TEXT
+        end_line()
+
+
+def _rebuilt(error: tuple[type[CosimError], tuple[Any, ...], dict[str, Any]]) -> Any:
+    """An error of the other process, without calling its constructor."""
+    kind, arguments, attributes = error
+    made = kind.__new__(kind, *arguments)
+    vars(made).update(attributes)
+    return made

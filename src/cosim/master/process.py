@@ -1,0 +1,194 @@
+"""The process of the FMUs, from the side that watches it: made, seen to end, ended."""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Generator
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import FileError
+from ..files import cannot_write
+from ..system.system import System
+from . import child
+from .child import Channel, Job
+
+
+class FmuProcess:
+    """The process of the FMUs, in a process group of its own where there are such."""
+
+    def __init__(
+        self, number: int, channel: BinaryIO, printed: BinaryIO, popen: subprocess.Popen[bytes] | None
+    ) -> None:
+        self.channel = channel
+        self.printed = printed
+        self.code: int | None = None
+        """The exit code once it has ended; that of a signal is negative."""
+        self._number = number
+        self._popen = popen
+
+    def ended(self) -> bool:
+        """Whether the process has ended; if so, all others that it has started are ended, too."""
+        if self.code is not None:
+            return True
+        if self._popen is not None and sys.platform == "win32":
+            self.code = self._popen.poll()
+            return self.code is not None
+        if hasattr(os, "waitid"):
+            # Not taken from the list of processes yet: so its number is still its own when the group is ended.
+            if os.waitid(os.P_PID, self._number, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                return False
+            self._end_group()
+            self._reap(0)
+            return True
+        if self._reap(os.WNOHANG):
+            self._end_group()
+        return self.code is not None
+
+    def kill(self) -> None:
+        """End the process and all that it has started, and wait for its end."""
+        if self.code is not None:
+            return
+        if self._popen is not None and sys.platform == "win32":
+            self._popen.kill()
+            self.code = self._popen.wait()
+            return
+        self._end_group()
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self._number, signal.SIGKILL)
+        self._reap(0)
+
+    def _reap(self, options: int) -> bool:
+        try:
+            number, status = os.waitpid(self._number, options)
+        except ChildProcessError:
+            # Somebody else in this process waits for all children.
+            number, status = self._number, 0
+        if number == 0:
+            return False
+        self.code = os.waitstatus_to_exitcode(status)
+        if self._popen is not None:
+            self._popen.returncode = self.code
+        return True
+
+    def _end_group(self) -> None:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._number, signal.SIGKILL)
+
+
+def may_fork() -> bool:
+    """Whether forking is safe: a thread that is not there after a fork may hold a lock for ever.
+
+    macOS has forking, but its system libraries do not support it.
+    """
+    alone = threading.active_count() == 1 and threading.current_thread() is threading.main_thread()
+    return sys.platform == "linux" and alone
+
+
+@contextlib.contextmanager
+def shared_memory(folder: Path, size: int, *, shared_file: bool) -> Generator[tuple[mmap.mmap, Path]]:
+    """Memory that both processes see: a file in ``folder`` for one that is started anew."""
+    path = folder / "memory"
+    if not shared_file:
+        yield mmap.mmap(-1, size), path
+        return
+    try:
+        with path.open("w+b") as file:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, size)
+            file.truncate(size)
+            memory = mmap.mmap(file.fileno(), size)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+    yield memory, path
+
+
+def fork_process(system: System, job: Job, memory: mmap.mmap) -> FmuProcess:
+    """Do ``job`` in a copy of this process: what is loaded here need not be loaded again."""
+    channel, channel_end = os.pipe()
+    printed, printed_end = os.pipe()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    with warnings.catch_warnings():
+        # Python warns of threads that libraries keep in reserve, such as those of Arrow. The child uses none of those.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        number = os.fork()
+    if number == 0:
+        try:
+            os.setpgid(0, 0)
+            kept, nothing = child.high(channel_end), child.high(os.open(os.devnull, os.O_RDONLY))
+            printing = child.high(printed_end)
+            os.dup2(nothing, 0)
+            os.dup2(printing, 1)
+            os.dup2(printing, 2)
+            for other in (channel, channel_end, printed, printed_end, nothing, printing):
+                if other > 2:
+                    os.close(other)
+            child.serve(system, job, memory, Channel(kept))
+        finally:
+            os._exit(1)
+    with contextlib.suppress(PermissionError, ProcessLookupError):
+        # The child does the same; whoever comes first, its group is there from now on.
+        os.setpgid(number, number)
+    os.close(channel_end)
+    os.close(printed_end)
+    return FmuProcess(number, open(channel, "rb"), open(printed, "rb", buffering=0), None)
+
+
+_PROGRAM = (
+    "import pickle, sys\n"
+    "sys.path[:] = pickle.load(sys.stdin.buffer)\n"
+    "from cosim.master.child import started\n"
+    "started()\n"
+)
+
+
+def start_process(system: System, job: Job, memory: Path) -> FmuProcess:
+    """Do ``job`` in a new Python; ``memory`` is a file. Raises FileError if that cannot be started."""
+    given = {
+        "system": (system.document, system.name, system.folder.resolve(), system.fmus and system.fmus.resolve()),
+        "digest": system.digest,
+        "job": job,
+        "memory": memory,
+    }
+    pipe = subprocess.PIPE
+    flags = subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0
+    try:
+        popen = subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM], stdin=pipe, stdout=pipe, stderr=pipe, bufsize=-1, creationflags=flags
+        )
+    except OSError as error:
+        raise FileError(f"{sys.executable}: cannot be started: {error.strerror}.") from None
+    assert popen.stdin is not None
+    assert popen.stdout is not None
+    assert popen.stderr is not None
+    with contextlib.suppress(BrokenPipeError), popen.stdin as stdin:
+        pickle.dump(sys.path, stdin)
+        pickle.dump(given, stdin)
+    return FmuProcess(popen.pid, popen.stdout, popen.stderr, popen)  # pyright: ignore[reportArgumentType]
+
+
+def signal_text(number: int) -> str:
+    """Name and meaning of a signal that ends processes."""
+    try:
+        name = signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+    meanings = {
+        "SIGSEGV": "it used memory that is not its own",
+        "SIGBUS": "it used memory that is not there",
+        "SIGABRT": "it gave up, after an error it found itself",
+        "SIGFPE": "a calculation is not defined, such as a division of integers by zero",
+        "SIGILL": "an instruction that this processor does not have",
+        "SIGKILL": "ended from outside; perhaps the memory was used up",
+    }
+    return f"{name}, {meanings[name]}" if name in meanings else name

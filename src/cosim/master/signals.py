@@ -1,0 +1,76 @@
+"""Signals that ask a run to end: a flag during the run, an exception at any other time."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Generator
+from types import FrameType
+
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)  # Windows has no SIGHUP.
+
+
+class Ended(KeyboardInterrupt):
+    """A signal asked this process to end; ``number`` is the signal's."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        super().__init__(f"ended by {signal.Signals(number).name}")
+
+
+def end(number: int, frame: FrameType | None) -> None:
+    """Handler that raises Ended, so that temporary folders are removed on the way out."""
+    raise Ended(number)
+
+
+class Presses:
+    """Signals that came: ``number`` is that of the first, ``count`` how many."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        self.count = 0
+
+    def __call__(self) -> bool:
+        return self.count > 0
+
+
+@contextlib.contextmanager
+def ending_by_exception() -> Generator[None]:
+    """SIGTERM and SIGHUP raise Ended, as Ctrl-C raises KeyboardInterrupt; not those that are handled or ignored."""
+    with _handled([number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL], end):
+        yield
+
+
+@contextlib.contextmanager
+def counted(*, most: int) -> Generator[Presses]:
+    """Signals are counted instead of raising, so that no instance is left half-stepped; beyond ``most`` they raise.
+
+    Only in the main thread, and only signals that would end the process otherwise.
+    """
+    presses = Presses()
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        presses.count += 1
+        presses.number = presses.number or number
+        if presses.count > most:
+            end(number, frame)
+
+    deadly = (signal.SIG_DFL, signal.default_int_handler, end)
+    with _handled([number for number in ENDING if signal.getsignal(number) in deadly], handle):
+        yield presses
+
+
+@contextlib.contextmanager
+def _handled(numbers: list[signal.Signals], handler: signal._HANDLER) -> Generator[None]:  # pyright: ignore[reportPrivateUsage]
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)

@@ -1,0 +1,157 @@
+"""The file of a record: written at once or while the run goes on, there whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DescriptionError
+from ..files import Replacement, cannot_write, check_writable
+
+FORMATS = (".csv", ".parquet")
+
+PARQUET_BYTES, CSV_BYTES = 2**26, 2**22
+"""Size of the rows that are written at a time: they are copied, and turned into text of several times their size."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a recorded variable is; ``value in display_unit = display_factor*value + display_offset``."""
+
+    name: str
+    unit: str
+    text: str
+    display_unit: str
+    display_factor: float = 1.0
+    display_offset: float = 0.0
+
+
+class _CsvFile:
+    """A comma between columns, quoted names, time first, the shortest digits that read back the same."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column]) -> None:
+        self._file = file
+        names = (column.name.replace('"', '""') for column in columns)
+        file.write((",".join(f'"{name}"' for name in names) + "\n").encode())
+
+    def write(self, table: NDArray[np.float64]) -> None:
+        self._file.write("".join(",".join(map(repr, row)) + "\n" for row in table.tolist()).encode())
+
+    def close(self, late: Mapping[str, str]) -> None:
+        pass
+
+
+class _ParquetFile:
+    """Units with each column, metadata with the schema; what is known late is key-value metadata of the file."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], metadata: Mapping[str, str]) -> None:
+        self._arrow: Any = import_module("pyarrow")
+        fields = [
+            self._arrow.field(
+                c.name, self._arrow.float64(), metadata={"unit": c.unit, "display_unit": c.display_unit, "text": c.text}
+            )
+            for c in columns
+        ]
+        self._schema = self._arrow.schema(fields, dict(metadata))
+        # Arrow writes to a file of Python, whose errors come through as they are.
+        self._writer: Any = import_module("pyarrow.parquet").ParquetWriter(file, self._schema)
+
+    def write(self, table: NDArray[np.float64]) -> None:
+        arrays = [self._arrow.array(np.ascontiguousarray(column)) for column in table.T]
+        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+
+    def close(self, late: Mapping[str, str]) -> None:
+        if late:
+            self._writer.add_key_value_metadata(dict(late))
+        self._writer.close()
+
+
+class RecordWriter:
+    """Writes rows to ``path``, .csv or .parquet, as they come; a context manager that keeps a finished file only.
+
+    Raises DescriptionError for another ending or a folder, FileError if the file cannot be written.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[Column], metadata: Mapping[str, Any]) -> None:
+        check_format(path)
+        if path.is_dir():
+            raise DescriptionError(f"{path} is a folder. Name a file.")
+        all_columns = (Column("time", "s", "Time", "s"), *columns)
+        csv = path.suffix.lower() == ".csv"
+        self._path = path
+        self._piece = max(1, (CSV_BYTES if csv else PARQUET_BYTES) // (8 * len(all_columns)))
+        self._new = Replacement(path)
+        with self._written():
+            self._file = (
+                _CsvFile(self._new.file, all_columns)
+                if csv
+                else _ParquetFile(self._new.file, all_columns, _texts(metadata))
+            )
+
+    def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+        """Add rows, one a time."""
+        with self._written():
+            for first in range(0, len(rows), self._piece):
+                part = slice(first, first + self._piece)
+                self._file.write(np.column_stack((times[part], rows[part])))
+
+    def finish(self, late: Mapping[str, Any]) -> None:
+        """Complete the file, with what is known at the end only, and give it its name."""
+        with self._written():
+            self._file.close(_texts(late))
+        self._new.commit()
+
+    def discard(self) -> None:
+        """Leave everything as it was."""
+        self._new.discard()
+
+    @contextlib.contextmanager
+    def _written(self) -> Generator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.discard()
+            raise cannot_write(self._path, error) from None
+        except BaseException:
+            self.discard()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self.discard()
+
+
+def check_format(path: Path) -> None:
+    """Raise DescriptionError unless ``path`` ends as a record can."""
+    if path.suffix.lower() not in FORMATS:
+        raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
+    if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
+        raise DescriptionError(
+            f"{path}: to write Parquet needs pyarrow, which is not installed: install motion-cosim[parquet], "
+            "or name a .csv file."
+        )
+
+
+def check_output(path: Path) -> None:
+    """Raise DescriptionError unless results can be written as ``path`` says."""
+    check_format(path)
+    check_writable(path)
+
+
+def _texts(metadata: Mapping[str, Any]) -> dict[str, str]:
+    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in metadata.items()}
