@@ -293,14 +293,15 @@ class SspReader:
         linear = element.find(tag("ssc:LinearTransformation"))
         stated: dict[str, Any] = {}
         if linear is not None:
-            stated = {key: Decimal(linear.get(key, default)) for key, default in (("factor", "1"), ("offset", "0"))}
+            stated = {key: Decimal(linear.get(key)) for key in ("factor", "offset") if linear.get(key) is not None}
         if element.get("suppressUnitConversion") in ("true", "1"):
             own = self.own(element, "cosim:Conversion")
             if own is not None:
                 meant = {key: Decimal(own.get(key)) for key in ("factor", "offset")}
-                if self.total(meant, source, target) == (float(stated["factor"]), float(stated["offset"])):
+                written = float(stated.get("factor", 1)), float(stated.get("offset", 0))
+                if self.total(meant, source, target) == written:
                     return {**meant, "units": "convert"}
-            return stated or {"units": "suppress"}
+            return stated if "factor" in stated else {**stated, "units": "suppress"}
         if self.units.differs(source) or self.units.differs(target):
             factor, offset = self.total(stated, source, target)
             return {"factor": factor, "offset": offset}

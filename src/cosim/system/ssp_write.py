@@ -155,7 +155,9 @@ def _transformation(element: ElementTree.Element, connection: Connection) -> Non
     if connection.units != "same":
         element.set("suppressUnitConversion", "true")
     if connection.units in ("converted", "given") or (factor, offset) != (1.0, 0.0):
-        _sub(element, "ssc:LinearTransformation", factor=repr(factor), offset=repr(offset))
+        linear = _sub(element, "ssc:LinearTransformation", offset=repr(offset))
+        if connection.units in ("converted", "given") or factor != 1.0:
+            linear.set("factor", repr(factor))
     if connection.units == "converted":
         own = _sub(_sub(element, "ssd:Annotations"), "ssc:Annotation", type=ANNOTATION)
         factor, offset = connection.stated
