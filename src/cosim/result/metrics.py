@@ -73,10 +73,15 @@ def std(signal: Array) -> float:
     return peak * float(np.std(signal / peak)) if peak > 0.0 else peak
 
 
+def mean(signal: Array) -> float:
+    """Arithmetic mean."""
+    _need(signal)
+    return float(np.mean(signal)) if np.all(np.isfinite(signal)) else math.nan
+
+
 def steady_value(time: Array, signal: Array, duration: float) -> float:
     """Mean over the last ``duration`` seconds."""
-    part = signal[window(time, time[-1] - duration)]
-    return float(np.mean(part)) if np.all(np.isfinite(part)) else math.nan
+    return mean(signal[window(time, time[-1] - duration)])
 
 
 def total_variation(time: Array, signal: Array) -> float:

@@ -15,6 +15,7 @@ from .metrics import (
     Array,
     circular_test,
     max_abs,
+    mean,
     overshoot,
     rms,
     settling_time,
@@ -309,12 +310,12 @@ def tracking(result: Recorded, interval: tuple[float, float]) -> dict[str, float
         numbers[f"{prefix}error_max"] = max_abs(error)
         numbers[f"{prefix}error_rms"] = rms(error)
         numbers[f"{prefix}error_std"] = std(error)
-        numbers[f"{prefix}error_mean"] = float(np.mean(error))
-        numbers[f"{prefix}error_end"] = float(error[-1])
+        numbers[f"{prefix}error_mean"] = mean(error)
+        numbers[f"{prefix}error_end"] = mean(error[-1:])
         if loop.command:
             command = result[loop.command][part]
             numbers[f"{prefix}command_max"] = max_abs(command)
-            numbers[f"{prefix}command_mean"] = float(np.mean(command))
-            numbers[f"{prefix}command_end"] = float(command[-1])
+            numbers[f"{prefix}command_mean"] = mean(command)
+            numbers[f"{prefix}command_end"] = mean(command[-1:])
             numbers[f"{prefix}command_tv"] = total_variation(time, command)
     return numbers
