@@ -76,7 +76,8 @@ def _lines(path: Path) -> _Lines:
     ]
     header = kept[0][1] if kept else ""
     delimiter = next((mark for mark in ";\t," if mark in header), ",")
-    cells = [[cell.strip() for cell in row] for row in csv.reader((line for _, line in kept), delimiter=delimiter)]
+    reader = csv.reader((line for _, line in kept), delimiter=delimiter, skipinitialspace=True)
+    cells = [[cell.strip() for cell in row] for row in reader]
     if cells and cells[0][-1] == "":
         # Some tools end every line with the mark that divides cells.
         cells = [row[:-1] if row[-1] == "" else row for row in cells]

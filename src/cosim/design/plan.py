@@ -107,7 +107,10 @@ def make_sweep(
     problems += [f"{name}: experiment.{key}: unknown key. Known: stop_time, step_size, order." for key in wrong]
     if wrong:
         raise DescriptionError(problems)
-    system = read_system(Path(folder) / document["system"], fmus=fmus, **experiment)
+    try:
+        system = read_system(Path(folder) / document["system"], fmus=fmus, **experiment)
+    except DescriptionError as error:
+        raise DescriptionError([*problems, *error.problems]) from None
     parameters: dict[str, Any] = dict(document.get("parameters", {}))
     if not parameters:
         problems.append(f'{name}: parameters: none given. Write "plant.m" = [60.0, 70.0].')
