@@ -35,6 +35,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import CosimError, DescriptionError, suggest
+from ..files import write_file
 from ..fmu.places import shipped_file
 from ..fmu.text import read_toml
 from ..master.simulation import Simulation
@@ -269,5 +270,4 @@ def write_start(tuned: Tuned, path: Path, *, base: str | None = None) -> None:
         instances.setdefault(instance, []).append(f'"{variable}" = {value:.12g}')
     for instance, values in instances.items():
         lines += [f"[instances.{instance}.start]", *values, ""]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines), encoding="utf-8")
+    write_file(path, "\n".join(lines))
