@@ -6,9 +6,11 @@ import argparse
 import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.markup import escape
 
@@ -78,7 +80,7 @@ def _run(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as resources:
         trial = resources.enter_context(Trial(system)) if fitting_outputs(system) else None
         _show_notes(notes, options)
-        record = _RecordFile(system, options.output)
+        record = resources.enter_context(_RecordFile(system, options.output))
         try:
             with Bar("Seconds") as bar:
                 result = _simulate(system, options, bar, record)
@@ -87,8 +89,6 @@ def _run(options: argparse.Namespace) -> int:
         except Interrupted as interruption:
             _finish(interruption.result, options, record, begun, notes, interrupted=True)
             return 128 + interruption.number
-        finally:
-            record.discard()
         if trial is not None:
             found = trial.findings(seconds=TRIAL_SECONDS).notes
             _show_notes(found, options)
@@ -155,7 +155,7 @@ def _simulate(system: System, options: argparse.Namespace, bar: Bar, record: _Re
     )
 
 
-class _RecordFile:
+class _RecordFile(AbstractContextManager["_RecordFile"]):
     """The file of ``--output``, if there is one: written at the end, or as rows come if they are too many."""
 
     def __init__(self, system: System, path: Path | None) -> None:
@@ -191,7 +191,12 @@ class _RecordFile:
         elif self._path is not None:
             result.save(self._path)
 
-    def discard(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Remove a file that is not complete."""
         if self._writer is not None:
             self._writer.discard()
