@@ -218,11 +218,11 @@ def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -
         if isinstance(error, RecordError):
             print_note(f"Computed up to {result.time[-1]:.9g} s.")
         else:
-            _save(result, options, record)
+            _save(result, options, record, early=True)
     return 1
 
 
-def _save(result: Result, options: argparse.Namespace, record: _RecordFile) -> bool:
+def _save(result: Result, options: argparse.Namespace, record: _RecordFile, *, early: bool) -> bool:
     """Write the files of a run; whether that went well. Tells of what was not written, and of a run that ended early.
 
     An error in one file does not keep the other from being written.
@@ -235,9 +235,9 @@ def _save(result: Result, options: argparse.Namespace, record: _RecordFile) -> b
         except CosimError as error:
             print_error(str(error))
             well, kept = False, ""
-    if result.partial and not result.time.size:
+    if early and not result.time.size:
         print_note("Nothing had been computed.")
-    elif result.partial:
+    elif early:
         print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
     if options.plot is not None and result.time.size > 1:
         from ..result.plots import plot_run
@@ -268,7 +268,7 @@ def _finish(
     _show_messages(result)
     if interrupted:
         print_error("Interrupted.")
-    well = _save(result, options, record)
+    well = _save(result, options, record, early=interrupted)
     every = record.thinned(result)
     if every > 1:
         print_note(f"note: {record.count(result)} rows; figures and pictures are of every {every}th.")

@@ -263,11 +263,14 @@ class Run:
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
-        # With a board it is the other side that makes a result of the rows.
-        count = int(self.state[loop.ROWS]) if self.board is None else 0
+        if self.board is not None:
+            # The other side makes the result; it has the rows and the messages, and needs the rest from here.
+            dropped = sum(slave.log.dropped for slave in self.slaves)
+            facts = {"stepping_seconds": self.stepping_seconds}
+            return Result(np.empty(0), np.empty((0, 0)), (), partial, (), dropped, solver, facts)
         return make_result(
             self.system,
-            self.rows[:count],
+            self.rows[: int(self.state[loop.ROWS])],
             self.state,
             first_row=self.first_row,
             messages=[*self.notices, *(m for slave in self.slaves for m in slave.log.messages)],
