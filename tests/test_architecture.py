@@ -35,7 +35,7 @@ ROOMS = (
     Room("cosim.model", ["cosim.errors", "cosim.units"]),
     Room("fmus", ["cosim.model"]),
     Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml"]),
-    Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "numpy", "pythonfmu", "scipy"]),
+    Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.system", [*BASE, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
     Room("cosim.result", BASE, ["matplotlib", "numpy", "pandas", "pyarrow"]),
     Room(
@@ -48,7 +48,7 @@ ROOMS = (
         [*BASE, "cosim.fmu", "cosim.export", "cosim.system", "cosim.result"],
         ["fmpy", "lxml", "matplotlib", "numpy", "PIL", "scipy"],
     ),
-    Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL"]),
+    Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL", "scipy"]),
     Room(
         "cosim.design",
         [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-import re
+import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
+from cosim.errors import DescriptionError
 from cosim.master.simulation import simulate
-from cosim.study import load_study
+from cosim.study import load_study, run_one
 from cosim.system.system import read_system
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -40,31 +42,84 @@ def test_every_run_of_the_study_can_be_read(native: Path, study: str) -> None:
         read_system(folder / run.system, run.overrides, fmus=native, stop_time=run.stop_time)
 
 
-@pytest.mark.parametrize("plant", TUNE.PLANTS)
-@pytest.mark.parametrize("controller", TUNE.CONTROLLERS)
-def test_ranked_system_follows_the_rule_of_tuning(controller: str, plant: str) -> None:
-    path = STUDIES / "ranking" / "systems" / f"{controller}_{plant}.toml"
-    text = path.read_text(encoding="utf-8")
-    match = re.search(r"omega = (\S+) rad/s", text)
-    assert match is not None
-    omega = float(match.group(1))
-    assert omega in TUNE.KNOBS
-    assert text == TUNE.text(TUNE.document(controller, TUNE.PLANTS[plant], omega), omega)
+RANKED = [
+    (controller, plant, model)
+    for controller in TUNE.controllers()
+    for plant, data in TUNE.PLANTS.items()
+    for model in TUNE.columns(data)
+]
 
 
-def test_knob_is_one_step_below_the_best(native: Path) -> None:
-    assert native == TUNE.FMUS
-    plant = TUNE.PLANTS["feng"]
-    text = (STUDIES / "ranking" / "systems" / "p_pi_feng.toml").read_text(encoding="utf-8")
-    assert f"omega = {TUNE.tuned('p_pi', plant):g} rad/s" in text
+@pytest.mark.parametrize(("controller", "plant", "model"), RANKED)
+def test_ranked_system_follows_from_the_gains(controller: str, plant: str, model: bool) -> None:
+    path = STUDIES / "ranking" / "systems" / f"{TUNE.system_name(controller, plant, model)}.toml"
+    row = TUNE.read_gains()[controller][plant][TUNE.COLUMNS[model]]["1"]
+    gains = TUNE.Gains(*row["gains"])
+    wanted = TUNE.document(TUNE.controllers()[controller], TUNE.PLANTS[plant], gains, model)
+    assert tomllib.loads(path.read_text(encoding="utf-8")) == wanted
+
+
+def test_both_columns_differ_in_the_model_and_in_nothing_else() -> None:
+    gains, plant = TUNE.Gains(500.0, 100.0, 50.0), TUNE.PLANTS["feng"]
+    for name, controller in TUNE.controllers().items():
+        starts = [TUNE.starts(controller, plant, gains, model) for model in (False, True)]
+        changed = {
+            f"{instance}.{variable}"
+            for instance in starts[0]
+            for variable, value in starts[0][instance].items()
+            if starts[1][instance][variable] != value
+        }
+        assert changed in ({"feedforward.share"}, {"controller.friction_velocity"}), name
 
 
 def test_every_ranked_loop_holds_its_reference(native: Path) -> None:
     """Half a second of each: position errors below the 5 mm of the sine show signs and gains right."""
-    for path in sorted((STUDIES / "ranking" / "systems").glob("*.toml")):
+    for controller, plant, model in RANKED:
+        path = STUDIES / "ranking" / "systems" / f"{TUNE.system_name(controller, plant, model)}.toml"
         result = simulate(read_system(path, fmus=native, stop_time=0.5))
         error = result["plant.position"] - result["trajectory.position"]
         assert np.max(np.abs(error)) < 1.5e-3, path.name
+
+
+MINE = """
+TITLE = "Mine"
+FMU = "CascadePid"
+INPUTS = {
+    "position_ref": "trajectory.position",
+    "position_next": "trajectory.position_next",
+    "position": "plant.position",
+    "motor_position": "plant.position",
+}
+
+
+def start(plant, gains, model):
+    return {"K_pos": gains.position, "omega_v": gains.fast, "T_i": 1e3, "M": plant.M, "l_p": 1.0}
+"""
+
+
+def test_a_controller_enters_the_ranking_with_one_file(
+    native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "ranking"
+    shutil.copytree(STUDIES / "ranking", folder, ignore=shutil.ignore_patterns("__pycache__", "*_*_*.toml"))
+    (folder / "controllers" / "mine.py").write_text(MINE, encoding="utf-8")
+    module = script(folder / "tune.py")
+    for name, value in {"FMUS": native, "BUDGET": 3, "DIAGONAL": 3, "SEEDS": (1,)}.items():
+        monkeypatch.setattr(module, name, value)
+    with pytest.raises(DescriptionError, match=r"no gains for mine\. Run python tune\.py --controllers mine"):
+        load_study(folder)
+    best, diagonal, least = module.search("mine", "nominal", False, 1)
+    assert least <= diagonal < 1e-3
+    row = {"1": {"gains": list(best), "cost_diagonal": diagonal, "cost": least}}
+    row["2"] = row["1"]
+    gains = {"mine": {p: dict.fromkeys(("without", "with"), row) for p in module.PLANTS}, **module.read_gains(folder)}
+    module.write(["mine"], gains, folder)
+    (folder / "gains.toml").write_text(tomli_w.dumps(gains), encoding="utf-8")
+    study = load_study(folder)
+    outcome = run_one(folder, "mine_nominal_fast", study.runs["mine_nominal_fast"], native)
+    assert not outcome.failure
+    assert outcome.numbers["error_rms"] < 1e-3
+    assert outcome.numbers["command_tv"] > 0.0
 
 
 def learned() -> dict[str, Any]:

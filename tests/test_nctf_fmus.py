@@ -30,40 +30,36 @@ VERDICTS: dict[str, dict[str, Status]] = {
         "M1": "fitted",
         "M2": "fitted",
         "M3": "fitted",
-        "M4": "reproduced",
-        "M5a": "reproduced",
-        "M5b": "order only",
+        "M4": "fitted",
+        "M5": "order only",
         "M6": "fitted",
         "M7": "reproduced",
-        "M8a": "not reproduced",
-        "M8b": "reproduced",
+        "M8": "not reproduced",
         "M9": "reproduced",
         "M10": "reproduced",
         "M11": "reproduced",
         "M12": "reproduced",
         "M13": "reproduced",
-        "M14b": "not reproduced",
-        "M15": "order only",
-        "N11d": "order only",
+        "M14": "not reproduced",
+        "M15": "not reproduced",
+        # all in parallel the first command acts at once and twice: between no delay and one sample of it
+        "N11d": "differs",
     },
     "purtojo2015": {
         "T1": "fitted",
-        "T2a": "fitted",
-        "T2b": "not reproduced",
-        "T3": "reproduced",
+        "T2": "not reproduced",
         "T4a": "fitted",
         "T4b": "not reproduced",
-        "C1": "reproduced",
-        "C2": "reproduced",
-        "C3": "reproduced",
-        "C4a": "order only",
-        "C4b": "fitted",
+        "C1": "fitted",
+        "C2": "fitted",
+        "C3": "fitted",
+        "C4": "order only",
         "C5": "fitted",
         "C6": "fitted",
         "C7": "fitted",
     },
 }
-"""What is known of the papers' claims; the rest, figures of an independent simulation, must be reproduced."""
+"""What is known of the papers' claims; the rest, figures of an independent simulation, must agree."""
 
 
 @cache
@@ -83,7 +79,7 @@ CLAIMS = [(name, claim.id) for name in VERDICTS for claim in study(name).claims]
 def test_claim_has_its_known_verdict(native: Path, name: str, claim_id: str) -> None:
     claim = next(claim for claim in study(name).claims if claim.id == claim_id)
     verdict = judge(claim, outcomes(name, native))
-    assert verdict.status == VERDICTS[name].get(claim_id, "reproduced"), f"{claim.text}: {dict(verdict.measured)}"
+    assert verdict.status == VERDICTS[name].get(claim_id, "agrees"), f"{claim.text}: {dict(verdict.measured)}"
 
 
 def test_every_row_of_the_acceptance_table_is_a_claim() -> None:

@@ -133,9 +133,18 @@ def test_four_figures(value: float, text: str) -> None:
 
 
 def test_values_carry_labels_and_unit() -> None:
-    assert report.values({"SMC": 11.32, "CSMC": 2.965}, "µm") == "SMC 11.32, CSMC 2.965 µm"
-    assert report.values({"": 0.5}, "1") == "0.5"
-    assert report.values({}, "µm") == ""
+    claim = Claim("C", "", "", "µm")
+    assert report.values({"SMC": 11.32, "CSMC": 2.965}, claim) == "SMC 11.32, CSMC 2.965 µm"
+    assert report.values({"": 0.5}, dataclasses.replace(claim, unit="1")) == "0.5"
+    units = dataclasses.replace(claim, unit={"e": "µm", "v": "µm/s"})
+    assert report.values({"e": 1.0, "v": 2.0}, units) == "e 1 µm, v 2 µm/s"
+
+
+def test_arrays_are_shown_as_tables() -> None:
+    overrides = {"pulse.A": 0.5, **{f"pulse.table.amplitude[{i}]": 0.1 for i in range(1, 61)}}
+    run = Run("x.toml", overrides, scaled={"plant.m": 1.000001})
+    text = report.changed_values(Outcome("x", run, {}, None, 0))
+    assert text == "pulse.A = 0.5, pulse.table.amplitude = table of 60, plant.m times 1.000001"
 
 
 # A whole study
@@ -229,24 +238,33 @@ def test_the_report_shows_every_claim_and_what_failed(folder: Path, native: Path
     text, page, figures = write(folder, native, tmp_path / "out")
     rows = {line.split(" | ")[0].strip("| "): line for line in text.splitlines() if line.startswith("| C")}
     assert rows["C1"] == r"| C1 | F(t) = \|u\| | 0.05 s | 0.05 s | at least 0.05 s | reproduced |"
-    assert rows["C2"] == "| C2 | It is long | 0.1 s | 0.05 s | within 1 % | not reproduced |"
+    assert rows["C2"] == "| C2 | It is long | 0.1 s | 0.05 s | within 1 % of it | not reproduced |"
     assert re.search(r"run bad failed: .* \| at least 0 s \| not checkable \|$", rows["C3"])
     assert rows["C4"].endswith("| x none | at least 0 | not reproduced |")
-    assert "| reproduced | 1 |" in text
-    assert "| not reproduced | 2 |" in text
-    assert re.search(r"`bad` \| `stage.toml`<br><small>plant.m = -1.0</small> \| 0 \| failed: ", text)
+    assert "| reproduced | 1 | C1 |" in text
+    assert "| not reproduced | 2 | C2, C4 |" in text
+    assert re.search(r"`bad`  \| `stage.toml`<br><small>plant.m = -1</small><br>failed: .* \| 0 \|", text)
     assert "![Position](position.png)" in text
-    assert '<td class="status not-reproduced">not reproduced</td>' in page
+    assert '<tbody class="claim" id="claim-C2" data-status="not-reproduced">' in page
+    assert '<a href="#claim-C2">C2</a>' in page
     assert "F(t) = |u|" in page
-    assert figures["claims"]["C4"] == {"verdict": "not reproduced", "unit": "1", "measured": {"x": None}}
+    assert figures["claims"]["C4"] == {
+        "kind": "paper",
+        "verdict": "not reproduced",
+        "unit": "1",
+        "measured": {"x": None},
+    }
     assert figures["runs"]["bad"].keys() == {"failure"}  # type: ignore[attr-defined]
 
 
 def test_the_page_stands_alone(folder: Path, native: Path, tmp_path: Path) -> None:
     _, page, _ = write(folder, native, tmp_path / "out")
-    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    sources = re.findall(r'src="([^"]*)"', page)
     assert sources
     assert all(source.startswith("data:image/png;base64,") for source in sources)
+    links = re.findall(r'href="([^"]*)"', page)
+    assert all(link.startswith("#") and f'id="{link[1:]}"' in page for link in links)
+    assert "http" not in page
 
 
 def test_the_report_repeats(folder: Path, native: Path, tmp_path: Path) -> None:
@@ -294,3 +312,157 @@ def test_a_run_that_takes_its_process_down_is_told(folder: Path, native: Path) -
     (folder / "study.py").write_text(dying)
     with pytest.raises(SimulationError, match=r"a process died in one of the runs .*short.* Give jobs = 1"):
         study.run_study(folder, jobs=2, fmus=native)
+
+
+# Readings, checks, spread
+
+
+def test_a_check_agrees_or_differs() -> None:
+    check = dataclasses.replace(GRADED, kind="check", verdicts={"agrees": study.near(rel=0.02)})
+    assert study.judge(check, outcomes(smc={"error": 10.1})).status == "agrees"
+    assert study.judge(check, outcomes(smc={"error": 11.0})).status == "differs"
+
+
+def test_a_finding_has_no_verdict() -> None:
+    finding = dataclasses.replace(GRADED, kind="finding", verdicts={})
+    verdict = study.judge(finding, outcomes(smc={"error": 11.0}))
+    assert (verdict.status, dict(verdict.measured)) == ("finding", {"": 11.0})
+
+
+def test_a_status_of_another_kind_is_refused() -> None:
+    check = dataclasses.replace(GRADED, kind="check")
+    with pytest.raises(DescriptionError, match="rule for 'reproduced', which a check cannot get"):
+        Study("T", "S", "", {}, (check,), {})
+
+
+def test_another_reading_is_measured_and_not_counted() -> None:
+    reading = study.Reading("elsewhere", lambda o: o.number("csmc", "error"))
+    verdict = study.judge(
+        dataclasses.replace(GRADED, readings=(reading,)), outcomes(smc={"error": 25.0}, csmc={"error": 10.0})
+    )
+    assert verdict.status == "not reproduced"
+    assert [(r.setting, r.status) for r in verdict.readings] == [("elsewhere", "reproduced")]
+    assert report.counts([verdict], "paper") == {"not reproduced": 1}
+
+
+def test_perturbed_copies_give_a_spread_and_must_keep_the_rule_too() -> None:
+    found = outcomes(**{"smc": {"error": 10.1}, "smc~1": {"error": 10.15}, "smc~2": {"error": 12.0}})
+    verdict = study.judge(GRADED, found)
+    assert dict(verdict.spread) == {"": (10.1, 12.0)}
+    assert verdict.status == "order only"
+    calm = study.judge(GRADED, outcomes(**{"smc": {"error": 10.1}, "smc~1": {"error": 10.15}}))
+    assert (calm.status, dict(calm.spread)) == ("reproduced", {"": (10.1, 10.15)})
+
+
+# Claims as data
+
+CLAIMS_TEXT = """
+title = "T"
+source = "S"
+text = "Text"
+[[spread]]
+runs = ["sm*"]
+parameters = ["plant.m"]
+tolerance = { "plant.tolerance" = 0.1 }
+[[tables]]
+title = "Claims"
+kind = "paper"
+setting = "as the rest"
+[[tables.claims]]
+id = "C1"
+text = "The ratio is 2"
+published = 2.0
+unit = "%"
+values = { "" = "smc:error / csmc:error - 0.5" }
+verdicts.reproduced = { near = 0.1, at_least = 1.0, why = "because" }
+"""
+RUNS = {"smc": Run("system.toml"), "csmc": Run("system.toml")}
+
+
+def read(tmp_path: Path, text: str) -> Study:
+    path = tmp_path / "claims.toml"
+    path.write_text(text, encoding="utf-8")
+    return study.read_study(path, RUNS, {})
+
+
+def test_claims_are_read_with_unit_rules_reasons_and_copies(tmp_path: Path) -> None:
+    found = read(tmp_path, CLAIMS_TEXT)
+    claim = found.claims[0]
+    assert claim.measure is not None
+    measured = claim.measure(outcomes(smc={"error": 1.0}, csmc={"error": 2.0}))
+    assert measured == {"": 0.0}
+    rule = claim.verdicts["reproduced"]
+    assert (rule.text, rule.why) == ("within 10 % of it and at least 1{unit}", "because")
+    assert rule.holds({"": 2.1}, {"": 2.0})
+    assert not rule.holds({"": 2.3}, {"": 2.0})
+    assert claim.setting == "as the rest"
+    assert list(found.runs) == ["smc", "csmc", "smc~1", "smc~2"]
+    assert found.runs["smc~1"].scaled == {"plant.m": 1.000001}
+    assert found.runs["smc~2"].scaled == {"plant.tolerance": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("smc:error /", "smcc:error /", r"claim C1: there is no run 'smcc'\. Did you mean 'smc'"),
+        ("smc:error /", "smc_error /", r"claim C1: 'smc_error' is no figure of a run: write 'run:figure'"),
+        ("- 0.5", "-0.5", r"is not a sum or product of terms"),
+        (', why = "because"', "", r"claim C1: a threshold has no reason: give why"),
+        ("near = 0.1, at_least = 1.0, ", "", r"no condition: give near"),
+        ("reproduced", "agrees", r"rule for 'agrees', which a paper cannot get"),
+        ("reproduced", "confirmed", r"claims\.toml: tables\[1\]\.claims\[1\]\.verdicts\.confirmed"),
+        ('unit = "%"', 'unti = "%"', r"claims\.toml: tables\[1\]\.claims\[1\]\.unti: Extra inputs"),
+        ('["sm*"]', '["st*"]', r"spread: no run matches 'st\*'"),
+        ('unit = "%"', 'unit = "%"\nwithout = 2.1', r"the tolerance 0\.2 is not below the effect 0\.1 that it tests"),
+        ("near = 0.1,", "share_of_effect = 0.5,", r"share_of_effect needs the published values without the effect"),
+        ('values = { "" =', 'measure = "x"\nvalues = { "" =', r"it has values and a measure"),
+    ],
+)
+def test_a_wrong_claims_file_is_refused_before_any_run(tmp_path: Path, old: str, new: str, problem: str) -> None:
+    assert old in CLAIMS_TEXT
+    with pytest.raises(DescriptionError, match=problem):
+        read(tmp_path, CLAIMS_TEXT.replace(old, new))
+
+
+def test_a_share_of_an_effect_is_kept_or_not(tmp_path: Path) -> None:
+    text = CLAIMS_TEXT.replace('unit = "%"', 'unit = "%"\nwithout = 1.0').replace(
+        "near = 0.1,", "share_of_effect = 0.4,"
+    )
+    rule = read(tmp_path, text).claims[0].verdicts["reproduced"]
+    assert rule.holds({"": 1.7}, {"": 2.0})
+    assert not rule.holds({"": 1.5}, {"": 2.0})
+
+
+@pytest.mark.parametrize("name", study.known_studies())
+def test_every_threshold_of_the_studies_has_a_reason_and_no_tolerance_is_above_its_effect(name: str) -> None:
+    """``read_study`` refuses a tolerance above the effect; here is that there are effects to be seen."""
+    claims = study.load_study(study.known_studies()[name]).claims
+    assert all(rule.why for claim in claims for rule in claim.verdicts.values())
+    if name in ("rubio2015", "feng2015", "maeda2008", "shams2010"):
+        data = study.read_claims(study.known_studies()[name] / "claims.toml")
+        assert any(claim.without is not None for table in data.tables for claim in table.claims)
+
+
+def test_scaled_values_reach_the_run(folder: Path, native: Path) -> None:
+    run = Run("stage.toml", {"plant.command": 12.0}, 0.05, scaled={"plant.m": 2.0, "plant.F_C": 0.5})
+    system = study.run_system(folder, run, native)
+    start = next(instance for instance in system.instances if instance.name == "plant").start
+    assert (start["m"], start["F_C"], start["command"]) == (124.8, 3.12, 12.0)
+    with pytest.raises(DescriptionError, match=r"stage\.toml: there is no plant\.mass to be scaled"):
+        study.run_system(folder, dataclasses.replace(run, scaled={"plant.mass": 2.0}), native)
+
+
+def test_machines_are_the_same_every_time_and_their_quantiles_in_order(folder: Path, native: Path) -> None:
+    run = Run(
+        "stage.toml",
+        {"plant.command": 12.0},
+        measure=lambda result, window: {"speed": float(result["plant.speed"][-1])},
+        machines=8,
+        box={"plant.sigma_2": (0.5, 2.0), "plant.m": (0.8, 1.25)},
+    )
+    one, other = (study.run_one(folder, "m", run, native).numbers for _ in range(2))
+    assert dict(one) == dict(other)
+    assert one["failed"] == 0.0
+    assert one["speed_median"] <= one["speed_p90"] <= one["speed_worst"]
+    # (12 - F_C)/sigma_2 with sigma_2 of 0.2 to 0.8 N.m.s/rad
+    assert 5.76 / 0.8 < one["speed_median"] < one["speed_worst"] < 5.76 / 0.2

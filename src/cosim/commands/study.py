@@ -37,7 +37,7 @@ def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 
     Returns 0, or 1 if a run failed; a claim that does not hold is a finding, not a failure.
     """
     from ..study import Outcome, find_study, judge, load_study, matching_runs, run_study
-    from ..study.report import STYLES, counts, values, write_report
+    from ..study.report import KINDS, STYLES, counts, values, write_report
 
     folder = find_study(name)
     study = load_study(folder)
@@ -53,15 +53,21 @@ def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 
         outcomes = run_study(folder, pattern=runs, jobs=jobs, fmus=fmus, progress=advance)
     verdicts = [judge(claim, outcomes) for claim in study.claims]
     report = write_report(output or Path("results") / folder.name, folder.name, study, outcomes, verdicts)
-    table = make_table("", "Claim", "Measured", "Verdict", title=study.title)
-    for verdict in verdicts:
-        claim = verdict.claim
-        measured = values(verdict.measured, claim.unit) or verdict.reason
-        style = STYLES[verdict.status]
-        table.add_row(claim.id, escape(claim.text), escape(measured), f"[{style}]{verdict.status}[/]")
     console = standard_output()
-    console.print(table)
-    console.print(", ".join(f"{count} {status}" for status, count in counts(verdicts).items()))
+    for kind, (title, text) in KINDS.items():
+        found = [verdict for verdict in verdicts if verdict.claim.kind == kind]
+        if not found:
+            continue
+        heading = "Figure" if kind == "check" else "Claim"
+        table = make_table("", heading, "Measured", "Verdict", title=f"{study.title}: {title}")
+        for verdict in found:
+            claim = verdict.claim
+            measured = values(verdict.measured, claim) if verdict.measured else verdict.reason
+            style = STYLES[verdict.status]
+            table.add_row(claim.id, escape(claim.text), escape(measured), f"[{style}]{verdict.status}[/]")
+        console.print(table)
+        said = ", ".join(f"{count} {status}" for status, count in counts(verdicts, kind).items())
+        console.print(f"{title}: {said}. {text}")
     console.print(f"Written: {escape(str(report))}")
     failed = [outcome for outcome in outcomes.all() if outcome.failure]
     for outcome in failed:

@@ -14,10 +14,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import CosimError, DescriptionError
+from ..files import write_file
 
 RUNTIME = Path(__file__).with_name("runtime")
 """The folder of the C sources common to all native FMUs."""
-COMMON_SOURCES = ("core.c", "integrator.c", "integrator.h")
+COMMON_SOURCES = ("core.c", "integrator.c", "integrator.h", "sampling.c", "state.c")
 SOURCES = ("model.c",)
 LIBRARIES = {"loop.c": "-lm", "model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (
@@ -109,9 +110,7 @@ def _compile(sources: Mapping[str, bytes], compiled: Sequence[str], target: str,
         if done.returncode:
             raise BuildError(f"compiling for {target} failed:\n{done.stderr.strip()}")
         content = (Path(folder) / f"model{ending}").read_bytes()
-    partial = kept.with_suffix(f".{os.getpid()}.part")
-    partial.write_bytes(content)
-    partial.replace(kept)
+    write_file(kept, content)
     return content
 
 

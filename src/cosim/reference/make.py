@@ -122,7 +122,9 @@ def _start(kind: type[Component], validation: Validation) -> dict[str, Value]:
     for attribute, value in validation.parameters.items():
         if attribute not in lines:
             raise DescriptionError(f"{kind.__name__}, experiment '{validation.name}': no parameter '{attribute}'.")
-        start[lines[attribute].name] = value.number if isinstance(value, Choice) else value
+        line = lines[attribute]
+        for name, item in zip(line.names, value if line.length is not None else (value,), strict=True):
+            start[name] = item.number if isinstance(item, Choice) else item
     return start
 
 

@@ -1,21 +1,47 @@
 """Studies: the runs behind a paper, what it claims, what was measured, and a verdict computed from both.
 
-A study is a folder ``studies/NAME`` with system files and a ``study.py`` that holds ``STUDY``, a ``Study``.
+A study is a folder ``studies/NAME`` with system files, a file of claims and a ``study.py`` that holds ``STUDY``, a
+``Study``: its runs (name -> system file and changed values), its claims (``read_study``) and its pictures.
+``cosim study NAME`` runs it and writes the report.
 """
 
 from ..result.summary import tracking
+from .claims import read_claims, read_study
 from .rules import Numbers, Rule, at_least, at_most, between, both, falling, near
-from .run import find_study, known_studies, load_study, matching_runs, measure_run, run_one, run_study
-from .study import NONE, Claim, Missing, Outcome, Outcomes, Picture, Run, Status, Study, Value, Verdict, judge
+from .run import find_study, known_studies, load_study, matching_runs, measure_run, run_one, run_study, run_system
+from .study import (
+    COPY,
+    NONE,
+    STATUSES,
+    Claim,
+    Kind,
+    Measure,
+    Missing,
+    Outcome,
+    Outcomes,
+    Picture,
+    Reading,
+    Run,
+    Status,
+    Study,
+    Value,
+    Verdict,
+    judge,
+)
 
 __all__ = [
+    "COPY",
     "NONE",
+    "STATUSES",
     "Claim",
+    "Kind",
+    "Measure",
     "Missing",
     "Numbers",
     "Outcome",
     "Outcomes",
     "Picture",
+    "Reading",
     "Rule",
     "Run",
     "Status",
@@ -34,7 +60,10 @@ __all__ = [
     "matching_runs",
     "measure_run",
     "near",
+    "read_claims",
+    "read_study",
     "run_one",
     "run_study",
+    "run_system",
     "tracking",
 ]

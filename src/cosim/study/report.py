@@ -1,62 +1,51 @@
-"""The report of a study: Markdown with pictures beside it, the same as one HTML file, and the figures as JSON."""
+"""The report of a study: one HTML page, the same as Markdown with its pictures beside it, and the figures as JSON."""
 
 from __future__ import annotations
 
 import base64
-import html
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
 from .rules import Numbers
-from .study import Claim, Missing, Outcome, Outcomes, Status, Study, Verdict
+from .study import COPY, STATUSES, Claim, Kind, Missing, Outcome, Outcomes, Status, Study, Verdict
 
-STATUSES: tuple[Status, ...] = get_args(Status)
 STYLES: dict[Status, str] = {
     "reproduced": "green",
+    "agrees": "green",
     "fitted": "cyan",
+    "transferred": "magenta",
     "order only": "yellow",
     "not reproduced": "red",
+    "differs": "red",
+    "finding": "dim",
     "not checkable": "dim",
     "not run": "dim",
 }
 """Colours on a terminal."""
 
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 78rem; margin: 2rem auto; padding: 0 1rem; color: #222; }}
-h1 {{ font-size: 1.6rem; }} h2 {{ font-size: 1.25rem; margin-top: 2.2rem; }} h3 {{ font-size: 1.05rem; }}
-.table {{ overflow-x: auto; }}
-table {{ border-collapse: collapse; font-size: 0.88rem; margin: 0.8rem 0; }}
-th, td {{ border-bottom: 1px solid #ddd; padding: 0.3rem 0.6rem; text-align: left; vertical-align: top; }}
-th {{ border-bottom: 2px solid #999; }}
-td small {{ color: #666; }}
-img {{ max-width: 100%; }}
-code {{ background: #f3f3f3; padding: 0 0.2em; }}
-td.status {{ font-weight: 600; white-space: nowrap; }}
-td.reproduced {{ color: #00704f; }}
-td.fitted {{ color: #005a8c; }}
-td.order-only {{ color: #8a6500; }}
-td.not-reproduced {{ color: #b34700; }}
-td.not-checkable, td.not-run {{ color: #666; }}
-</style>
-</head>
-<body>
-{body}
-</body>
-</html>
-"""
+KINDS: Mapping[Kind, tuple[str, str]] = {
+    "paper": (
+        "Claims of the paper",
+        "Fitted: a choice was made after the figure was seen. Transferred: it holds on a machine that is not that of "
+        "the paper.",
+    ),
+    "check": (
+        "Checks of our code",
+        "Expected are figures of another simulation of the same equations: agreement proves the code, not the model.",
+    ),
+    "finding": ("Findings", "Nobody published them: they are measured and not judged."),
+}
+"""Heading and explanation of the claims of each kind."""
+
+RUN_HEADS = ("Steps", "Error max [µm]", "Error rms [µm]", "Variation [1/s]", "Evaluations", "Rejected")
 
 
 def number(value: float) -> str:
@@ -73,65 +62,176 @@ def number(value: float) -> str:
     return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
 
 
-def values(numbers: Numbers, unit: str) -> str:
-    """Labelled values and their unit."""
-    if not numbers:
-        return ""
-    said = ", ".join(f"{label} {number(value)}".strip() for label, value in numbers.items())
-    return f"{said} {unit}" if unit not in ("", "1") else said
+def values(numbers: Numbers, claim: Claim) -> str:
+    """Labelled values in a line; the unit stands once if it is the same for all."""
+    units = {claim.unit_of(label) for label in numbers}
+    parts: list[str] = []
+    for label, value in numbers.items():
+        unit = claim.unit_of(label)
+        parts.append(f"{label} {number(value)}{f' {unit}' if len(units) > 1 and unit != '1' else ''}".strip())
+    common = next(iter(units)) if len(units) == 1 else ""
+    return ", ".join(parts) + (f" {common}" if common not in ("", "1") else "")
+
+
+def counts(verdicts: Iterable[Verdict], kind: Kind) -> dict[Status, int]:
+    """How many claims of a kind have each status, the best first, zeros left out."""
+    found = [verdict.status for verdict in verdicts if verdict.claim.kind == kind]
+    return {status: found.count(status) for status in STATUSES[kind] if status in found}
+
+
+def slug(text: str) -> str:
+    """A text as an identifier in HTML: letters and digits stay, the rest becomes hyphens or codes."""
+    kept = (
+        char if char.isalnum() and char.isascii() else "-" if char in " .,()" else f"{ord(char):x}" for char in text
+    )
+    return "".join(kept)
 
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(_cell(text) for text in line) + " |" for line in lines)
+def _cells(claim: Claim, verdict: Verdict) -> list[dict[str, str]]:
+    """One entry a value: label, published, measured, spread and unit."""
+    published = claim.published_numbers()
+    labels = list(dict.fromkeys([*published, *verdict.measured])) or [""]
+    cells: list[dict[str, str]] = []
+    for label in labels:
+        spread = verdict.spread.get(label)
+        unit = claim.unit_of(label)
+        cells.append(
+            {
+                "label": label,
+                "published": number(published[label]) if label in published else "",
+                "measured": number(verdict.measured[label]) if label in verdict.measured else "",
+                "spread": _spread(*spread) if spread else "",
+                "unit": "" if unit == "1" else unit,
+            }
+        )
+    return cells
 
 
-def _published(claim: Claim) -> str:
-    if isinstance(claim.published, str):
-        return claim.published
-    numbers = claim.published if isinstance(claim.published, Mapping) else {"": float(claim.published)}
-    return values(numbers, claim.unit)
+def _spread(low: float, high: float) -> str:
+    """Both ends, or one figure if they do not differ in it."""
+    ends = dict.fromkeys((number(low), number(high)))
+    return " … ".join(ends)
 
 
-def _rules(claim: Claim) -> str:
-    unit = f" {claim.unit}" if claim.unit not in ("", "1") else ""
-    rules = {status: rule.text.replace("{unit}", unit) for status, rule in claim.verdicts.items()}
-    if list(rules) == ["reproduced"]:
-        return rules["reproduced"]
-    return "<br>".join(f"{status}: {text}" for status, text in rules.items())
+def _rules(claim: Claim) -> list[dict[str, str]]:
+    unit = claim.unit if isinstance(claim.unit, str) and claim.unit not in ("", "1") else ""
+    alone = list(claim.verdicts) in (["reproduced"], ["agrees"])
+    return [
+        {
+            "status": "" if alone else status,
+            "text": rule.text.replace("{unit}", f" {unit}" if unit else ""),
+            "why": rule.why,
+        }
+        for status, rule in claim.verdicts.items()
+    ]
 
 
-def _claim_row(verdict: Verdict) -> list[str]:
+def _measured_line(claim: Claim, numbers: Numbers, spread: Mapping[str, tuple[float, float]]) -> str:
+    line = values(numbers, claim) if numbers else ""
+    parts = [f"{label} {_spread(low, high)}".strip() for label, (low, high) in spread.items()]
+    return f"{line} (spread {', '.join(parts)})" if parts else line
+
+
+def _row(verdict: Verdict) -> dict[str, Any]:
     claim = verdict.claim
-    text = claim.text if not claim.setting else f"{claim.text}<br><small>{claim.setting}</small>"
-    measured = values(verdict.measured, claim.unit) or verdict.reason
-    if claim.note:
-        measured = f"{measured}<br><small>{claim.note}</small>" if measured else f"<small>{claim.note}</small>"
-    return [claim.id, text, _published(claim), measured, _rules(claim), verdict.status]
+    words = claim.published if isinstance(claim.published, str) else ""
+    return {
+        "id": claim.id,
+        "text": claim.text,
+        "words": words,
+        "setting": claim.setting,
+        "note": claim.note,
+        "status": verdict.status,
+        "reason": verdict.reason,
+        "cells": _cells(claim, verdict),
+        "rules": _rules(claim),
+        "published_line": words or values(claim.published_numbers(), claim),
+        "measured_line": _measured_line(claim, verdict.measured, verdict.spread),
+        "readings": [
+            {
+                "setting": reading.setting,
+                "status": reading.status,
+                "reason": reading.reason,
+                "measured_line": values(reading.measured, claim) if reading.measured else "",
+                "cells": [
+                    {"label": label, "measured": number(value), "unit": "" if (u := claim.unit_of(label)) == "1" else u}
+                    for label, value in reading.measured.items()
+                ]
+                or [{"label": "", "measured": "", "unit": ""}],
+            }
+            for reading in verdict.readings
+        ],
+    }
 
 
-def counts(verdicts: Sequence[Verdict]) -> dict[Status, int]:
-    """How many claims have each status, in the order of the statuses, zeros left out."""
-    found: dict[Status, int] = {}
-    for status in STATUSES:
-        count = sum(verdict.status == status for verdict in verdicts)
-        if count:
-            found[status] = count
-    return found
+def _tables(study: Study, verdicts: Sequence[Verdict], markdown: MarkdownIt) -> list[dict[str, Any]]:
+    tables: list[dict[str, Any]] = []
+    for group in dict.fromkeys(claim.group for claim in study.claims):
+        found = [verdict for verdict in verdicts if verdict.claim.group == group]
+        kind = found[0].claim.kind
+        text = study.groups.get(group, "")
+        if kind == "check":
+            text = f"{text} {KINDS[kind][1]}".strip()
+        tables.append(
+            {
+                "title": group,
+                "anchor": f"table-{slug(group)}",
+                "text": markdown.render(text),
+                "source_text": text,
+                "heading": {"paper": "Claim", "check": "Figure", "finding": "Finding"}[kind],
+                "given": {"paper": "Published", "check": "Expected", "finding": ""}[kind],
+                "rules": "" if kind == "finding" else "Holds if",
+                "verdict": {"paper": "Verdict", "check": "Check", "finding": ""}[kind],
+                "rows": [_row(verdict) for verdict in found],
+            }
+        )
+    return tables
 
 
-def _run_rows(outcome: Outcome) -> list[list[str]]:
-    run = outcome.run
-    changed = ", ".join(f"{name} = {value}" for name, value in run.overrides.items())
-    head = [f"`{outcome.name}`", f"`{run.system}`" + (f"<br><small>{changed}</small>" if changed else "")]
+def _boxes(verdicts: Sequence[Verdict]) -> list[dict[str, Any]]:
+    boxes: list[dict[str, Any]] = []
+    for kind, (title, text) in KINDS.items():
+        found = counts(verdicts, kind)
+        if found:
+            entries = [
+                {"status": s, "ids": [v.claim.id for v in verdicts if v.claim.kind == kind and v.status == s]}
+                for s in found
+            ]
+            boxes.append({"title": title, "text": text, "total": sum(found.values()), "entries": entries})
+    return boxes
+
+
+def changed_values(outcome: Outcome) -> str:
+    """The changed start values of a run; an array stands as "table of" so many."""
+    arrays: dict[str, int] = {}
+    parts: list[str] = []
+    for name, value in outcome.run.overrides.items():
+        element = re.fullmatch(r"(.+)\[\d+(?:,\d+)*\]", name)
+        if element:
+            arrays[element[1]] = arrays.get(element[1], 0) + 1
+        else:
+            parts.append(f"{name} = {value:.6g}" if isinstance(value, float) else f"{name} = {value}")
+    parts += [f"{name} = table of {count}" for name, count in arrays.items()]
+    parts += [f"{name} times {factor:.9g}" for name, factor in outcome.run.scaled.items()]
+    return ", ".join(parts)
+
+
+def _run_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    head = {
+        "name": outcome.name,
+        "system": outcome.run.system,
+        "changed": changed_values(outcome),
+        "failure": outcome.failure,
+        "loop": "",
+    }
     if outcome.failure:
-        return [[*head, f"{outcome.steps}", f"failed: {outcome.failure}", "", "", "", ""]]
+        return [{**head, "cells": [f"{outcome.steps}", *[""] * (len(RUN_HEADS) - 1)]}]
     loops = [name.removesuffix("error_max") for name in outcome.numbers if name.endswith("error_max")] or [""]
-    rows: list[list[str]] = []
+    rows: list[dict[str, Any]] = []
     for loop in loops:
         found = {name.removeprefix(loop): value for name, value in outcome.numbers.items() if name.startswith(loop)}
         micrometres = [number(1e6 * found[name]) if name in found else "" for name in ("error_max", "error_rms")]
@@ -139,12 +239,14 @@ def _run_rows(outcome: Outcome) -> list[list[str]]:
         evaluations = sum(value for name, value in outcome.numbers.items() if name.endswith(".rhs_evaluations"))
         rejected = sum(value for name, value in outcome.numbers.items() if name.endswith(".rejected"))
         first = loop == loops[0]
-        name = head if first else ["", ""]
-        steps = [f"{outcome.steps}" if first else ""]
         solver = [number(evaluations / outcome.steps), f"{rejected:.0f}"] if first and outcome.steps else ["", ""]
-        if loop:
-            name = [f"{name[0]} {loop.rstrip('.')}", name[1]]
-        rows.append([*name, *steps, *micrometres, variation, *solver])
+        rows.append(
+            {
+                **(head if first else {"name": "", "system": "", "changed": "", "failure": ""}),
+                "loop": loop.rstrip("."),
+                "cells": [f"{outcome.steps}" if first else "", *micrometres, variation, *solver],
+            }
+        )
     return rows
 
 
@@ -155,48 +257,16 @@ def _version() -> str:
         return ""
 
 
-def markdown(
-    name: str, study: Study, outcomes: Outcomes, verdicts: Sequence[Verdict], pictures: Mapping[str, str]
-) -> str:
-    """The report as Markdown; ``pictures`` gives for each picture "" or why it is missing."""
-    parts = [f"# {study.title}", f"Source: {study.source}", study.text.strip(), "## Verdicts"]
-    parts.append(_table(["Verdict", "Claims"], [[status, f"{count}"] for status, count in counts(verdicts).items()]))
-    parts.append(
-        "Every verdict is computed from the figures below: a claim gets the first verdict whose rule its measured "
-        "values keep, and *not reproduced* if they keep none."
-    )
-    for group in dict.fromkeys(claim.group for claim in study.claims):
-        parts += [f"## {group}", study.groups.get(group, "")]
-        rows = [_claim_row(verdict) for verdict in verdicts if verdict.claim.group == group]
-        parts.append(_table(["", "Claim", "Published", "Measured", "Holds if", "Verdict"], rows))
-    parts.append("## Pictures")
-    for key, picture in study.pictures.items():
-        missing = pictures.get(key, "")
-        parts += [f"### {picture.title}", f"Not drawn: {missing}." if missing else f"![{picture.title}]({key}.png)"]
-    parts.append("## Runs")
-    parts.append(
-        "Position error is position minus reference, over the run's window. Variation is the sum of the command's "
-        "changes a second, in its unit. Evaluations are those of the plants' derivatives for one communication step."
-    )
-    head = ["Run", "System", "Steps", "Error max [µm]", "Error rms [µm]", "Variation [1/s]", "Evaluations", "Rejected"]
-    parts.append(_table(head, [row for outcome in outcomes.all() for row in _run_rows(outcome)]))
-    parts.append(f"Made by `cosim study {name}`{_version()}; all figures in SI units are in `figures.json`.")
-    return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def to_html(text: str, title: str, folder: Path) -> str:
-    """``text`` as one HTML page, the pictures of ``folder`` inside it."""
-    body = str(MarkdownIt("commonmark", {"html": True}).enable("table").render(text))
-
-    def embed(match: re.Match[str]) -> str:
-        data = base64.b64encode((folder / match.group(1)).read_bytes()).decode()
-        return f'src="data:image/png;base64,{data}"'
-
-    body = re.sub(r'src="([^":]+\.png)"', embed, body)
-    for status in STATUSES:
-        body = body.replace(f"<td>{status}</td>", f'<td class="status {status.replace(" ", "-")}">{status}</td>')
-    body = body.replace("<table>", '<div class="table"><table>').replace("</table>", "</table></div>")
-    return _PAGE.format(title=html.escape(title), body=body)
+def _chapters(study: Study, outcomes: Outcomes, markdown: MarkdownIt) -> list[dict[str, Any]]:
+    chapters: list[dict[str, Any]] = []
+    for title, write in study.chapters.items():
+        try:
+            text = write(outcomes)
+        except Missing as missing:
+            text = f"Not written: {missing}."
+        html = markdown.render(text)
+        chapters.append({"title": title, "anchor": f"chapter-{slug(title)}", "text": text, "html": html})
+    return chapters
 
 
 def _plain(numbers: Numbers) -> dict[str, float | None]:
@@ -204,33 +274,69 @@ def _plain(numbers: Numbers) -> dict[str, float | None]:
     return {name: float(value) if math.isfinite(value) else None for name, value in numbers.items()}
 
 
-def _failure(outcome: Outcome) -> dict[str, str]:
-    return {"failure": outcome.failure} if outcome.failure else {}
+def _figures(outcomes: Outcomes, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    claims: dict[str, Any] = {}
+    for verdict in verdicts:
+        claim = verdict.claim
+        claims[claim.id] = {
+            "kind": claim.kind,
+            "verdict": verdict.status,
+            "unit": claim.unit if isinstance(claim.unit, str) else dict(claim.unit),
+            "measured": _plain(verdict.measured),
+        }
+        if verdict.spread:
+            claims[claim.id]["spread"] = {label: list(ends) for label, ends in verdict.spread.items()}
+        if verdict.readings:
+            claims[claim.id]["readings"] = {r.setting: _plain(r.measured) for r in verdict.readings}
+    runs = {
+        outcome.name: {**_plain(outcome.numbers), **({"failure": outcome.failure} if outcome.failure else {})}
+        for outcome in outcomes.all()
+    }
+    return {"runs": runs, "claims": claims}
 
 
 def write_report(folder: Path, name: str, study: Study, outcomes: Outcomes, verdicts: Sequence[Verdict]) -> Path:
     """Draw the pictures and write report.md, report.html and figures.json into ``folder``; the path of report.html."""
     folder.mkdir(parents=True, exist_ok=True)
-    missing: dict[str, str] = {}
+    pictures: list[dict[str, str]] = []
     for key, picture in study.pictures.items():
+        entry = {"key": key, "title": picture.title, "missing": "", "data": ""}
         try:
             picture.draw(outcomes, folder / f"{key}.png")
+            entry["data"] = base64.b64encode((folder / f"{key}.png").read_bytes()).decode()
         except Missing as error:
-            missing[key] = str(error)
-    text = markdown(name, study, outcomes, verdicts, missing)
-    (folder / "report.md").write_text(text, encoding="utf-8")
-    page = folder / "report.html"
-    page.write_text(to_html(text, study.title, folder), encoding="utf-8")
-    figures = {
-        "runs": {outcome.name: {**_plain(outcome.numbers), **_failure(outcome)} for outcome in outcomes.all()},
-        "claims": {
-            verdict.claim.id: {
-                "verdict": verdict.status,
-                "unit": verdict.claim.unit,
-                "measured": _plain(verdict.measured),
-            }
-            for verdict in verdicts
-        },
+            entry["missing"] = str(error)
+        pictures.append(entry)
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+    runs, copies = (
+        [row for o in outcomes.all() if (COPY in o.name) is wanted for row in _run_rows(o)] for wanted in (False, True)
+    )
+    boxes = _boxes(verdicts)
+    context = {
+        "name": name,
+        "study": study,
+        "text": markdown.render(study.text),
+        "boxes": boxes,
+        "statuses": list(dict.fromkeys(entry["status"] for box in boxes for entry in box["entries"])),
+        "tables": _tables(study, verdicts, markdown),
+        "chapters": _chapters(study, outcomes, markdown),
+        "pictures": pictures,
+        "runs": runs,
+        "copies": copies,
+        "run_heads": RUN_HEADS,
+        "version": _version(),
     }
-    (folder / "figures.json").write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    page = folder / "report.html"
+    for file in (folder / "report.md", page):
+        environment = Environment(
+            loader=PackageLoader("cosim.study"),
+            undefined=StrictUndefined,
+            autoescape=file == page,
+            keep_trailing_newline=True,
+        )
+        environment.filters |= {"slug": slug, "cell": _cell}
+        file.write_text(environment.get_template(file.name).render(context), encoding="utf-8")
+    (folder / "figures.json").write_text(
+        json.dumps(_figures(outcomes, verdicts), indent=1, allow_nan=False) + "\n", encoding="utf-8"
+    )
     return page

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from ..errors import DescriptionError
@@ -20,22 +20,43 @@ class Rule:
     text: str
     """For the report; ``{unit}`` stands for a space and the unit of the claim."""
     holds: Callable[[Numbers, Numbers], bool]
+    why: str = ""
+    """The reason of its threshold."""
+    tolerance: Callable[[float], float] | None = None
+    """Allowed distance from a published value, for a rule that compares with it."""
 
 
 def near(*, rel: float = 0.0, abs: float = 0.0) -> Rule:
     """Every measured value within ``rel`` of the published one of the same label or within ``abs`` in the unit."""
 
+    def tolerance(published: float) -> float:
+        return max(rel * math.fabs(published), abs)
+
     def holds(measured: Numbers, published: Numbers) -> bool:
         if measured.keys() != published.keys():
             raise DescriptionError(f"measured {sorted(measured)} but published {sorted(published)}: use equal labels.")
         return all(
-            math.isclose(measured[k], published[k], rel_tol=0.0, abs_tol=max(rel * math.fabs(published[k]), abs))
-            for k in published
+            math.isclose(measured[k], published[k], rel_tol=0.0, abs_tol=tolerance(published[k])) for k in published
         )
 
-    parts = [f"{100.0 * rel:g} %"] if rel else []
-    parts += [f"{abs:g}{{unit}}"] if abs else []
-    return Rule("within " + " or ".join(parts), holds)
+    parts = [f"within {100.0 * rel:g} % of it"] if rel else []
+    parts += [f"within ±{abs:g}{{unit}}"] if abs else []
+    return Rule(" or ".join(parts) or "equal", holds, tolerance=tolerance)
+
+
+def within_effect(share: float, without: Numbers) -> Rule:
+    """Every measured value nearer to the published one than ``share`` of its distance from that without the effect.
+
+    Labels that ``without`` does not have are not judged.
+    """
+
+    def holds(measured: Numbers, published: Numbers) -> bool:
+        return all(
+            math.fabs(measured[k] - published[k]) <= share * math.fabs(published[k] - value)
+            for k, value in without.items()
+        )
+
+    return Rule(f"within {100.0 * share:g} % of the effect", holds)
 
 
 def _every(text: str, condition: Callable[[float], bool]) -> Rule:
@@ -57,9 +78,24 @@ def at_least(limit: float) -> Rule:
     return _every(f"at least {limit:g}{{unit}}", lambda value: value >= limit)
 
 
-def both(one: Rule, other: Rule) -> Rule:
-    """Two rules at once."""
-    return Rule(f"{one.text} and {other.text}", lambda m, p: one.holds(m, p) and other.holds(m, p))
+def at_least_published() -> Rule:
+    """Every measured value at least the published one of the same label."""
+    return Rule("each at least as published", lambda m, p: all(m[name] >= p[name] for name in p))
+
+
+def at_most_published() -> Rule:
+    """Every measured value at most the published one of the same label."""
+    return Rule("each at most as published", lambda m, p: all(m[name] <= p[name] for name in p))
+
+
+def published_order() -> Rule:
+    """The measured values, put in the order of the published ones, rise."""
+
+    def holds(measured: Numbers, published: Numbers) -> bool:
+        labels = sorted(published, key=lambda label: published[label])
+        return all(measured[one] < measured[other] for one, other in pairwise(labels))
+
+    return Rule("the published order", holds)
 
 
 def falling() -> Rule:
@@ -70,3 +106,12 @@ def falling() -> Rule:
         return all(after < before for before, after in pairwise(values))
 
     return Rule("each smaller than the one before", holds)
+
+
+def both(one: Rule, other: Rule) -> Rule:
+    """Two rules at once."""
+
+    def holds(measured: Numbers, published: Numbers) -> bool:
+        return one.holds(measured, published) and other.holds(measured, published)
+
+    return replace(one, text=f"{one.text} and {other.text}", holds=holds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import importlib.util
+import math
 import sys
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
@@ -11,12 +12,14 @@ from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import CosimError, DescriptionError, SimulationError, suggest
 from ..fmu.places import study_folders
 from ..master.simulation import simulate
 from ..result.result import Result
 from ..result.summary import tracking
-from ..system.system import read_system
+from ..system.system import System, read_system
 from .rules import Numbers
 from .study import NONE, Outcome, Outcomes, Run, Study
 
@@ -58,9 +61,7 @@ def load_study(folder: Path) -> Study:
 
 def measure_run(name: str, run: Run, result: Result) -> Outcome:
     """The outcome of a run from its full record."""
-    numbers = dict(tracking(result, run.window))
-    if run.measure is not None:
-        numbers.update(run.measure(result, run.window))
+    numbers = _measured(run, result)
     for instance, counters in result.solver.items():
         numbers.update({f"{instance}.{counter}": value for counter, value in counters.items()})
     kept = slice(None, None, run.keep_every)
@@ -68,13 +69,67 @@ def measure_run(name: str, run: Run, result: Result) -> Outcome:
     return Outcome(name, run, numbers, thinned, int(result.metadata["steps"]))
 
 
+def run_system(folder: Path, run: Run, fmus: Path | None = None) -> System:
+    """The system of a run of the study in ``folder``, its values changed and scaled. Raises DescriptionError."""
+    system = read_system(folder / run.system, run.overrides, fmus=fmus, stop_time=run.stop_time)
+    if not run.scaled:
+        return system
+    changed = {name: factor * _start(system, name, run.system) for name, factor in run.scaled.items()}
+    return read_system(folder / run.system, {**run.overrides, **changed}, fmus=fmus, stop_time=run.stop_time)
+
+
+def _start(system: System, name: str, file: str) -> float:
+    """The start value ``instance.variable`` of a system."""
+    owner, _, variable = name.partition(".")
+    instance = next((instance for instance in system.instances if instance.name == owner), None)
+    if instance is None or variable not in instance.fmu.variables:
+        raise DescriptionError(f"{file}: there is no {name} to be scaled.")
+    start = instance.start.get(variable, instance.fmu.variables[variable].start)
+    return float(start or 0.0)
+
+
+def run_machines(folder: Path, run: Run, fmus: Path | None = None) -> dict[str, float]:
+    """Figures of ``run.machines`` machines whose start values are drawn from ``run.box``.
+
+    The factors are spread evenly over the logarithm of their range; the same box gives the same machines. Each figure
+    of ``tracking`` and ``run.measure`` is given as NAME_median, NAME_p90 and NAME_worst; a machine whose run fails
+    counts as infinite and in ``failed``.
+    """
+    random = np.random.default_rng(0)
+    low, high = (np.log([ends[i] for ends in run.box.values()]) for i in (0, 1))
+    rows: list[Numbers] = []
+    failed = 0
+    for factors in np.exp(random.uniform(low, high, (run.machines, len(run.box)))):
+        machine = replace(run, scaled=dict(zip(run.box, map(float, factors), strict=True)), machines=0)
+        try:
+            rows.append(_measured(machine, simulate(run_system(folder, machine, fmus))))
+        except SimulationError:
+            failed += 1
+    found: dict[str, float] = {"failed": float(failed)}
+    for name in rows[0] if rows else ():
+        values = np.sort([*(row[name] for row in rows), *[np.inf] * failed])
+        ends = (len(values) // 2, math.ceil(0.9 * len(values)) - 1, -1)
+        found |= {f"{name}_{text}": float(values[i]) for text, i in zip(("median", "p90", "worst"), ends, strict=True)}
+    return found
+
+
+def _measured(run: Run, result: Result) -> dict[str, float]:
+    numbers = tracking(result, run.window)
+    if run.measure is not None:
+        numbers.update(run.measure(result, run.window))
+    return numbers
+
+
 def run_one(folder: Path, name: str, run: Run, fmus: Path | None = None) -> Outcome:
     """Carry out one run of the study in ``folder``; what stops it becomes the outcome's failure."""
     steps = 0
     try:
-        system = read_system(folder / run.system, run.overrides, fmus=fmus, stop_time=run.stop_time)
+        system = run_system(folder, run, fmus)
         steps = system.steps
-        return measure_run(name, run, simulate(system))
+        outcome = measure_run(name, run, simulate(system))
+        if not run.machines:
+            return outcome
+        return replace(outcome, numbers={**outcome.numbers, **run_machines(folder, run, fmus)})
     except CosimError as error:
         return Outcome(name, run, NONE, None, steps, str(error))
 

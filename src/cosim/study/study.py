@@ -1,11 +1,7 @@
-"""Studies: the runs behind a paper, what it claims, what was measured, and a verdict computed from both.
-
-A study is a folder ``studies/NAME`` with system files and a ``study.py`` that holds ``STUDY``, a ``Study``: its runs
-(name -> system file and changed values), its claims (a text, the published figure, a function measuring it in the
-runs, the rules that earn each verdict) and its pictures. ``cosim study NAME`` runs it and writes the report.
+"""What a study is: runs, claims, measures, pictures; and the verdict computed from a claim and its measured values.
 
 A verdict is never written down: a claim gets the first status whose rule its measured values keep, and
-"not reproduced" if they keep none.
+"not reproduced" ("differs" for a check of our own code) if they keep none.
 """
 
 from __future__ import annotations
@@ -23,13 +19,38 @@ from ..errors import CosimError, DescriptionError
 from ..result.result import Result
 from .rules import Numbers, Rule
 
-Status = Literal["reproduced", "fitted", "order only", "not reproduced", "not checkable", "not run"]
-"""``fitted``: it holds with values chosen to make it hold. ``order only``: the figure differs, the order of the
-compared things does not. ``not checkable``: nothing was published, or a run it needs has failed. ``not run``: a run
-it needs was left out."""
+Kind = Literal["paper", "check", "finding"]
+"""``paper``: a publication says so. ``check``: another simulation of the same equations gave this figure; agreement
+proves the code, not the model. ``finding``: nobody published it; it is measured and not judged."""
+
+Status = Literal[
+    "reproduced",
+    "fitted",
+    "order only",
+    "transferred",
+    "not reproduced",
+    "agrees",
+    "differs",
+    "finding",
+    "not checkable",
+    "not run",
+]
+"""``fitted``: it holds with a choice made after its figure was seen. ``order only``: the figure differs, the order of
+the compared things does not. ``transferred``: it holds on a machine that is not the paper's, whose data are not known.
+``agrees``, ``differs``: checks. ``not checkable``: nothing was published, or a run it needs has failed. ``not run``: a
+run it needs was left out."""
+
+STATUSES: Mapping[Kind, tuple[Status, ...]] = {
+    "paper": ("reproduced", "fitted", "order only", "transferred", "not reproduced", "not checkable", "not run"),
+    "check": ("agrees", "differs", "not checkable", "not run"),
+    "finding": ("finding", "not checkable", "not run"),
+}
+"""The statuses that a claim of each kind can get, the best first."""
 
 Value = float | int | bool | str
 NONE: Mapping[str, Any] = MappingProxyType({})
+COPY = "~"
+"""Between the name of a run and the number of its perturbed copy."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +69,12 @@ class Run:
     """Figures beyond those of ``tracking``; it sees every recorded row."""
     keep_every: int = 1
     """Rows kept for claims and pictures once the figures are measured: every so many."""
+    scaled: Mapping[str, float] = field(default_factory=lambda: NONE)
+    """Start values multiplied: ``instance.variable`` -> factor on the value of system file and ``overrides``."""
+    machines: int = 0
+    """How many machines are drawn from ``box`` and run beside the one of the file: see ``run.run_machines``."""
+    box: Mapping[str, tuple[float, float]] = field(default_factory=lambda: NONE)
+    """Range of the factor on each start value that differs between machines."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +117,11 @@ class Outcomes(Mapping[str, Outcome]):
         return len(self._outcomes)
 
     def number(self, run: str, name: str) -> float:
-        """One figure of a run."""
-        return self[run].numbers[name]
+        """One figure of a run. Raises DescriptionError if the run has no such figure."""
+        numbers = self[run].numbers
+        if name not in numbers:
+            raise DescriptionError(f"run {run} has no figure '{name}': it has {', '.join(sorted(numbers))}.")
+        return numbers[name]
 
     def result(self, run: str) -> Result:
         """The rows kept of a run."""
@@ -104,31 +134,64 @@ class Outcomes(Mapping[str, Outcome]):
         """Every outcome, the failed ones too."""
         return tuple(self._outcomes.values())
 
+    def copies(self) -> list[Outcomes]:
+        """The same outcomes with the first, second, ... perturbed copy in the place of every run that has one."""
+        found: dict[int, dict[str, Outcome]] = {}
+        for name, outcome in self._outcomes.items():
+            base, separator, number = name.rpartition(COPY)
+            if separator:
+                found.setdefault(int(number), {})[base] = outcome
+        copies: list[Outcomes] = []
+        for _, replaced in sorted(found.items()):
+            copy = Outcomes([])
+            copy._outcomes = self._outcomes | replaced
+            copies.append(copy)
+        return copies
 
-# Claims
 
+Measure = Callable[[Outcomes], float | Numbers]
+"""Values in the unit of the claim."""
 
 NO_RULES: Mapping[Status, Rule] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
+class Reading:
+    """Another setting in which a claim is looked for as well; it is shown and not counted."""
+
+    setting: str
+    measure: Measure
+
+
+@dataclass(frozen=True)
 class Claim:
-    """One thing a paper says, and how it is looked for."""
+    """One thing a paper says, or one figure that another simulation gave, and how it is looked for."""
 
     id: str
     text: str
     published: str | float | Numbers
     """What was published: words, one value, or values by label, in ``unit``."""
-    unit: str = "1"
-    measure: Callable[[Outcomes], float | Numbers] | None = None
+    unit: str | Mapping[str, str] = "1"
+    """The unit of every value, or units by label."""
+    measure: Measure | None = None
     """The measured value or values in ``unit``; None if there is nothing to measure."""
     verdicts: Mapping[Status, Rule] = field(default_factory=lambda: NO_RULES)
     """The rule that earns each status, the best first."""
     group: str = "Claims"
     setting: str = ""
-    """In which setting it is looked for."""
+    """In which setting it is looked for: the same for all claims of a study where it can be."""
     note: str = ""
     """What a reader should know to judge it."""
+    kind: Kind = "paper"
+    readings: tuple[Reading, ...] = ()
+
+    def unit_of(self, label: str) -> str:
+        """The unit of the value ``label``."""
+        return self.unit if isinstance(self.unit, str) else self.unit.get(label, "1")
+
+    def published_numbers(self) -> Numbers:
+        """The published values by label; empty if words were published."""
+        return NONE if isinstance(self.published, str) else labelled(self.published)
 
 
 @dataclass(frozen=True)
@@ -152,6 +215,10 @@ class Study:
     pictures: Mapping[str, Picture]
     groups: Mapping[str, str] = field(default_factory=lambda: NONE)
     """Text under the heading of a group of claims."""
+    chapters: Mapping[str, Callable[[Outcomes], str]] = field(default_factory=lambda: NONE)
+    """More chapters of the report: heading -> Markdown made from the outcomes."""
+    claims_digest: str = ""
+    """SHA-256 of the file of claims, read before the first run."""
 
     def __post_init__(self) -> None:
         ids = [claim.id for claim in self.claims]
@@ -159,13 +226,31 @@ class Study:
             f"claim {name} is there {ids.count(name)} times: give each its own id."
             for name in sorted({name for name in ids if ids.count(name) > 1})
         ]
-        problems += [
-            f"claim {claim.id} has a measure without verdicts, or verdicts without a measure: give both or none."
-            for claim in self.claims
-            if (claim.measure is None) != (not claim.verdicts)
-        ]
+        for claim in self.claims:
+            wanted = claim.measure is not None and claim.kind != "finding"
+            if wanted != bool(claim.verdicts):
+                problems.append(
+                    f"claim {claim.id} has a measure without verdicts, or verdicts without a measure: "
+                    "give both or none."
+                )
+            problems += [
+                f"claim {claim.id} has a rule for '{status}', which a {claim.kind} cannot get. "
+                f"Use one of {', '.join(STATUSES[claim.kind])}."
+                for status in claim.verdicts
+                if status not in STATUSES[claim.kind]
+            ]
         if problems:
             raise DescriptionError(problems)
+
+
+@dataclass(frozen=True)
+class ReadingResult:
+    """What another reading of a claim gave."""
+
+    setting: str
+    measured: Numbers
+    status: Status
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -177,23 +262,60 @@ class Verdict:
     status: Status
     reason: str = ""
     """Why it could not be measured."""
+    spread: Mapping[str, tuple[float, float]] = field(default_factory=lambda: NONE)
+    """Smallest and largest value over the run and its perturbed copies, by label; empty without copies."""
+    readings: tuple[ReadingResult, ...] = ()
 
 
-def _numbers(value: float | Numbers) -> Numbers:
+def labelled(value: float | Numbers) -> Numbers:
+    """Values by label; a single value has the label ``""``."""
     return {"": float(value)} if isinstance(value, float | int | np.floating) else value
 
 
 def judge(claim: Claim, outcomes: Outcomes) -> Verdict:
-    """Measure a claim and give it the first status whose rule holds. NaN keeps no rule."""
+    """Measure a claim and give it the first status whose rule holds, in the perturbed copies of its runs as well.
+
+    NaN keeps no rule.
+    """
     if claim.measure is None:
         return Verdict(claim, NONE, "not checkable")
+    measured, status, reason = _judged(claim, claim.measure, [outcomes])
+    readings = tuple(
+        ReadingResult(reading.setting, *_judged(claim, reading.measure, [outcomes])) for reading in claim.readings
+    )
+    copies = outcomes.copies()
+    if not measured or not copies:
+        return Verdict(claim, measured, status, reason, NONE, readings)
+    found = [_measured(claim.measure, copy) for copy in copies]
+    spread = {
+        label: (min(values), max(values))
+        for label in measured
+        if len(set(values := [numbers.get(label, math.nan) for numbers in (measured, *found)])) > 1
+    }
+    if spread:
+        status = _judged(claim, claim.measure, [outcomes, *copies])[1]
+    return Verdict(claim, measured, status, reason, spread, readings)
+
+
+def _measured(measure: Measure, outcomes: Outcomes) -> Numbers:
+    """Measured values, none if a run is missing."""
     try:
-        measured = _numbers(claim.measure(outcomes))
+        return labelled(measure(outcomes))
+    except Missing:
+        return NONE
+
+
+def _judged(claim: Claim, measure: Measure, sets: Sequence[Outcomes]) -> tuple[Numbers, Status, str]:
+    """Values in the first of the sets of outcomes, the first status whose rule holds in all of them, and a reason."""
+    try:
+        measured = [labelled(measure(outcomes)) for outcomes in sets]
     except Missing as missing:
-        return Verdict(claim, NONE, "not checkable" if missing.failure else "not run", str(missing))
-    published = NONE if isinstance(claim.published, str) else _numbers(claim.published)
-    if not any(math.isnan(value) for value in measured.values()):
+        return NONE, "not checkable" if missing.failure else "not run", str(missing)
+    if claim.kind == "finding":
+        return measured[0], "finding", ""
+    published = claim.published_numbers()
+    if not any(math.isnan(value) for numbers in measured for value in numbers.values()):
         for status, rule in claim.verdicts.items():
-            if rule.holds(measured, published):
-                return Verdict(claim, measured, status)
-    return Verdict(claim, measured, "not reproduced")
+            if all(rule.holds(numbers, published) for numbers in measured):
+                return measured[0], status, ""
+    return measured[0], "differs" if claim.kind == "check" else "not reproduced", ""

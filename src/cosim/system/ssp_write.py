@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, cast
 from urllib.parse import quote
 from xml.etree import ElementTree
 
-from ..errors import DescriptionError
 from ..fmu.archive import write_zip
 from ..fmu.description import Fmu, Value, Variable
 from ..fmu.xml import document
@@ -36,16 +35,13 @@ GENERATION_DATE = "2026-01-01T00:00:00Z"
 
 
 def write_ssp(system: System, target: str | Path) -> Path:
-    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises DescriptionError."""
+    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises FileError."""
     target = Path(target)
     files = resource_names(system)
     description = structure(system, {path: f"resources/{name}" for path, name in files.items()})
     start = "SystemStructure.ssd"
     members = {start: description, **{f"resources/{name}": path for path, name in files.items()}}
-    try:
-        write_zip(target, members, start, deflated=(start,))
-    except OSError as error:
-        raise DescriptionError(f"{target}: cannot be written ({error.strerror}).") from None
+    write_zip(target, members, start, deflated=(start,))
     return target
 
 

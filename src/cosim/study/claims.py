@@ -1,0 +1,354 @@
+"""Claims as data: the file ``claims.toml`` of a study, which is read and checked before the first run.
+
+A table of claims says whether a paper, another simulation or nobody published its figures. A claim says where its
+values come from: ``values`` gives by label a sum or product of ``run:figure`` terms, ``measure`` names a function of
+the study. Figures of runs are in SI units; the claim's unit says how they are scaled. A threshold gives its reason.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ..errors import DescriptionError, suggest
+from . import expression, rules
+from .rules import Numbers, Rule
+from .study import COPY, Claim, Kind, Measure, Outcomes, Picture, Reading, Run, Status, Study, labelled
+
+FACTORS: Mapping[str, float] = {
+    "nm": 1e9,
+    "µm": 1e6,
+    "mm": 1e3,
+    "µm/s": 1e6,
+    "mm/s": 1e3,
+    "ms": 1e3,
+    "%": 1e2,
+    "A·s/mm": 1e-3,
+    "mm/(A·s)": 1e3,
+}
+"""Unit of a claim -> factor on values in SI units; 1 for every other unit."""
+RELATIVE = 1e-6
+"""Relative change of a parameter in a perturbed copy: far below what anybody knows of a machine, far above rounding."""
+
+Text = Annotated[str, Field(min_length=1)]
+Factor = Annotated[float, Field(gt=0.0)]
+
+
+class _Data(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class RuleData(_Data):
+    """One or several conditions, all of which must hold, and the reason of their thresholds."""
+
+    near: float | None = None
+    """Largest relative distance from the published value."""
+    near_abs: float | None = None
+    """Largest distance from the published value, in the unit of the claim."""
+    share_of_effect: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    """Largest distance from the published value over the effect, the published value less ``without``."""
+    at_most: float | None = None
+    at_least: float | None = None
+    between: tuple[float, float] | None = None
+    falling: bool = False
+    published: Literal["at least", "at most", "same order"] | None = None
+    """How the measured values stand to the published ones."""
+    rule: str = ""
+    """Name of a rule of the study."""
+    why: str = ""
+
+    @model_validator(mode="after")
+    def _has_a_condition(self) -> RuleData:
+        if not self.model_fields_set - {"why"}:
+            raise ValueError("no condition: give near, near_abs, at_most, at_least, between, falling or published")
+        return self
+
+
+class ReadingData(_Data):
+    """Another setting of a claim; it is shown and not counted."""
+
+    setting: Text
+    values: dict[str, str] = {}
+    measure: str = ""
+
+
+class ClaimData(_Data):
+    """One claim."""
+
+    id: Text
+    text: Text
+    published: str | float | dict[str, float]
+    unit: str | dict[str, str] = "1"
+    factor: float | None = None
+    """Factor on values in SI units, if the unit does not say it."""
+    magnitude: bool = False
+    """Whether the sign of the values is left out."""
+    values: dict[str, str] = {}
+    measure: str = ""
+    setting: str = ""
+    note: str = ""
+    without: float | dict[str, float] | None = None
+    """The published values without the effect that is tested; labels without a known effect are left out."""
+    verdicts: dict[Status, RuleData] = {}
+    readings: list[ReadingData] = []
+
+
+class TableData(_Data):
+    """Claims of one kind under one heading."""
+
+    title: Text
+    kind: Kind
+    text: str = ""
+    setting: str = ""
+    """Setting of the claims that give none."""
+    why: str = ""
+    """Reason of the thresholds that give none."""
+    claims: list[ClaimData]
+
+
+class SpreadData(_Data):
+    """Which runs are repeated with values changed a little: once for each parameter, once with another tolerance."""
+
+    runs: list[str]
+    """Names of runs; ``*`` and ``?`` stand for any characters and any character."""
+    parameters: Annotated[list[str], Field(min_length=1)]
+    relative: Factor = RELATIVE
+    tolerance: dict[str, Factor] = {}
+    """Parameter -> factor: the copy with another tolerance of the integrator."""
+
+
+class ClaimsData(_Data):
+    """A file of claims."""
+
+    title: Text
+    source: Text
+    text: Text
+    spread: list[SpreadData] = []
+    tables: list[TableData]
+
+
+def read_claims(path: Path) -> ClaimsData:
+    """The claims file at ``path``. Raises DescriptionError with every problem of its shape."""
+    try:
+        return ClaimsData.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise DescriptionError(f"{path}: no such file.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise DescriptionError(f"{path}: {error}.") from None
+    except ValidationError as error:
+        raise DescriptionError(
+            [f"{path.name}: {_place(problem['loc'])}: {problem['msg']}." for problem in error.errors()]
+        ) from None
+
+
+def _place(location: Sequence[str | int]) -> str:
+    text = ""
+    for part in location:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return text or "the file"
+
+
+def read_study(
+    path: Path,
+    runs: Mapping[str, Run],
+    pictures: Mapping[str, Picture],
+    *,
+    measures: Mapping[str, Measure] | None = None,
+    own_rules: Mapping[str, Rule] | None = None,
+    chapters: Mapping[str, Callable[[Outcomes], str]] | None = None,
+) -> Study:
+    """The study with the claims of the file ``path``; its claims name ``measures`` and ``own_rules``.
+
+    Raises DescriptionError with every problem: a run or measure that does not exist, a threshold without its reason, a
+    tolerance above the effect that it tests.
+    """
+    data = read_claims(path)
+    builder = _Builder(path.name, runs, measures or {}, own_rules or {})
+    claims = tuple(builder.claim(table, claim) for table in data.tables for claim in table.claims)
+    copies: dict[str, Run] = {}
+    for spread in data.spread:
+        copies |= builder.copies(spread)
+    if builder.problems:
+        raise DescriptionError(builder.problems)
+    return Study(
+        title=data.title,
+        source=data.source,
+        text=data.text,
+        runs={**runs, **copies},
+        claims=claims,
+        pictures=pictures,
+        groups={table.title: table.text for table in data.tables},
+        chapters=chapters or {},
+        claims_digest=hashlib.sha256(path.read_bytes()).hexdigest(),
+    )
+
+
+class _Builder:
+    """Turns claims as data into claims, and collects the problems."""
+
+    def __init__(
+        self, file: str, runs: Mapping[str, Run], measures: Mapping[str, Measure], own_rules: Mapping[str, Rule]
+    ) -> None:
+        self.file = file
+        self.runs = runs
+        self.measures = measures
+        self.own_rules = own_rules
+        self.problems: list[str] = []
+
+    def problem(self, claim: str, text: str) -> None:
+        self.problems.append(f"{self.file}: claim {claim}: {text}")
+
+    def claim(self, table: TableData, data: ClaimData) -> Claim:
+        verdicts: dict[Status, Rule] = {status: self.rule(table, data, rule) for status, rule in data.verdicts.items()}
+        readings = tuple(
+            Reading(reading.setting, measure)
+            for reading in data.readings
+            if (measure := self.measure(data, reading.values, reading.measure)) is not None
+        )
+        return Claim(
+            data.id,
+            data.text,
+            data.published,
+            data.unit,
+            self.measure(data, data.values, data.measure),
+            verdicts,
+            table.title,
+            data.setting or table.setting,
+            data.note,
+            table.kind,
+            readings,
+        )
+
+    def measure(self, data: ClaimData, values: Mapping[str, str], name: str) -> Measure | None:
+        if values and name:
+            self.problem(data.id, "it has values and a measure: give one of them.")
+        if name:
+            if name not in self.measures:
+                self.problem(data.id, f"there is no measure '{name}'.{suggest(name, self.measures)}")
+            return self.measures.get(name)
+        for text in values.values():
+            self.check_terms(data.id, text)
+        return measured_values(values, data) if values else None
+
+    def check_terms(self, claim: str, text: str) -> None:
+        try:
+            terms = expression.names(text)
+        except DescriptionError as error:
+            self.problem(claim, str(error))
+            return
+        for term in terms:
+            run, separator, figure = term.rpartition(":")
+            if not separator or not figure:
+                self.problem(claim, f"'{term}' is no figure of a run: write 'run:figure'.")
+            elif run not in self.runs:
+                self.problem(claim, f"there is no run '{run}'.{suggest(run, self.runs)}")
+
+    def rule(self, table: TableData, claim: ClaimData, data: RuleData) -> Rule:
+        """The rule that holds where all conditions of ``data`` hold."""
+        why = data.why or table.why
+        if not why:
+            self.problem(claim.id, "a threshold has no reason: give why.")
+        without = labelled(claim.without) if claim.without is not None else None
+        found: list[Rule] = []
+        if data.near is not None or data.near_abs is not None:
+            rule = rules.near(rel=data.near or 0.0, abs=data.near_abs or 0.0)
+            found.append(rule)
+            if without is not None and rule.tolerance is not None and data.share_of_effect is None:
+                self.check_effect(claim, rule.tolerance, without)
+        if data.share_of_effect is not None:
+            if without is None:
+                self.problem(claim.id, "share_of_effect needs the published values without the effect: give without.")
+            else:
+                found.append(rules.within_effect(data.share_of_effect, without))
+        if data.at_most is not None:
+            found.append(rules.at_most(data.at_most))
+        if data.at_least is not None:
+            found.append(rules.at_least(data.at_least))
+        if data.between is not None:
+            found.append(rules.between(*data.between))
+        if data.falling:
+            found.append(rules.falling())
+        if data.published is not None:
+            found.append(
+                {
+                    "at least": rules.at_least_published,
+                    "at most": rules.at_most_published,
+                    "same order": rules.published_order,
+                }[data.published]()
+            )
+        if data.rule:
+            if data.rule in self.own_rules:
+                found.append(self.own_rules[data.rule])
+            else:
+                self.problem(claim.id, f"there is no rule '{data.rule}'.{suggest(data.rule, self.own_rules)}")
+        if not found:
+            return Rule("", _never, why)
+        combined = found[0]
+        for other in found[1:]:
+            combined = rules.both(combined, other)
+        return replace(combined, why=why)
+
+    def check_effect(self, claim: ClaimData, tolerance: Callable[[float], float], without: Numbers) -> None:
+        """A tolerance as large as the effect would hold without the effect."""
+        published: Numbers = {} if isinstance(claim.published, str) else labelled(claim.published)
+        for label in without.keys() - published.keys():
+            self.problem(claim.id, f"without: there is no published value '{label}'.")
+        for label in without.keys() & published.keys():
+            allowed, effect = tolerance(published[label]), math.fabs(published[label] - without[label])
+            if not allowed < effect:
+                self.problem(
+                    claim.id,
+                    f"{label or 'its value'}: the tolerance {allowed:.3g} is not below the effect {effect:.3g} that it "
+                    "tests. Give a smaller one, or share_of_effect.",
+                )
+
+    def copies(self, data: SpreadData) -> dict[str, Run]:
+        """The perturbed copies of runs."""
+        found: dict[str, Run] = {}
+        scales: list[Mapping[str, float]] = [{name: 1.0 + data.relative} for name in data.parameters]
+        if data.tolerance:
+            scales.append(data.tolerance)
+        for pattern in data.runs:
+            matching = [name for name in self.runs if fnmatchcase(name, pattern)]
+            if not matching:
+                self.problems.append(f"{self.file}: spread: no run matches '{pattern}'.{suggest(pattern, self.runs)}")
+            for name in matching:
+                found |= {
+                    f"{name}{COPY}{i}": replace(self.runs[name], scaled=scale)
+                    for i, scale in enumerate(scales, start=1)
+                }
+        return found
+
+
+def _never(measured: Numbers, published: Numbers) -> bool:
+    return False
+
+
+def measured_values(values: Mapping[str, str], data: ClaimData) -> Measure:
+    """A measure that evaluates ``values``, label -> sum or product of ``run:figure``, in the unit of the claim."""
+
+    def factor(label: str) -> float:
+        if data.factor is not None:
+            return data.factor
+        return FACTORS.get(data.unit if isinstance(data.unit, str) else data.unit.get(label, "1"), 1.0)
+
+    def measure(outcomes: Outcomes) -> dict[str, float]:
+        def lookup(term: str) -> float:
+            run, _, figure = term.rpartition(":")
+            return outcomes.number(run, figure)
+
+        found: dict[str, float] = {}
+        for label, text in values.items():
+            value: Any = factor(label) * expression.evaluate(text, lookup)
+            found[label] = math.fabs(value) if data.magnitude else value
+        return found
+
+    return measure

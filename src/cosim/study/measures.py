@@ -1,0 +1,119 @@
+"""Figures of runs that several studies need, in SI units: functions for ``Run.measure``.
+
+Each function returns a measure: it takes the full record of a run and the run's window. The names of the signals are
+those of the plain loop of the library, ``trajectory.position`` and ``plant.position``, if none are given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from ..result import metrics
+from ..result.metrics import Array
+from ..result.result import Result
+
+Window = tuple[float, float]
+RunMeasure = Callable[[Result, Window], dict[str, float]]
+
+REFERENCE, POSITION = "trajectory.position", "plant.position"
+
+
+def error(result: Result, position: str = POSITION, reference: str = REFERENCE) -> Array:
+    """Position minus reference."""
+    return result[position] - result[reference]
+
+
+def step_response(*, bands: Mapping[str, float] | None = None, shares: Mapping[str, float] | None = None) -> RunMeasure:
+    """Overshoot [m], overshoot over the step, rise time [s] from 10 to 90 %, and settling times [s].
+
+    ``bands``: name of a settling time -> half width in m; ``shares``: the same as a share of the step.
+    """
+
+    def measure(result: Result, window: Window) -> dict[str, float]:
+        time, position, final = result.time, result[POSITION], float(result[REFERENCE][-1])
+        overshoot = metrics.overshoot(position, 0.0, final)
+        widths = {**(bands or {}), **{name: share * final for name, share in (shares or {}).items()}}
+        return {
+            "overshoot": overshoot,
+            "overshoot_share": overshoot / final,
+            "rise": metrics.rise_time(time, position, start=0.0, final=final),
+            **{name: metrics.settling_time(time, position, final, width) for name, width in widths.items()},
+        }
+
+    return measure
+
+
+def reversals() -> RunMeasure:
+    """The largest peak [m], delay and decay [s] of the error after reversals, its median between them, and the slip.
+
+    ``slip`` is the table's top speed over that of the reference: 1 for a table that follows.
+    """
+
+    def measure(result: Result, window: Window) -> dict[str, float]:
+        part = metrics.window(result.time, *window)
+        reference, position = result[REFERENCE][part], result[POSITION][part]
+        peaks = metrics.reversal_peaks(result.time[part], position - reference, reference)
+        return {
+            "reversal_peak": max((abs(peak.peak) for peak in peaks), default=math.nan),
+            "reversal_base": max((peak.base for peak in peaks), default=math.nan),
+            "reversal_delay": max((peak.delay for peak in peaks), default=math.nan),
+            "reversal_decay": max((peak.decay for peak in peaks), default=math.nan),
+            "slip": metrics.max_abs(np.diff(position)) / metrics.max_abs(np.diff(reference)),
+        }
+
+    return measure
+
+
+def amplitude_error(frequency: float) -> RunMeasure:
+    """The error of the amplitude at ``frequency`` Hz, m."""
+
+    def measure(result: Result, window: Window) -> dict[str, float]:
+        part = metrics.window(result.time, *window)
+        amplitude, wanted = (
+            metrics.sine_amplitude(result.time[part], result[name][part], frequency) for name in (POSITION, REFERENCE)
+        )
+        return {"amplitude_error": amplitude - wanted}
+
+    return measure
+
+
+def second_turn(result: Result, radius: float) -> metrics.CircularTest:
+    """The circular test of the second turn of the axes ``plant_x`` and ``plant_y``."""
+    names = ("plant_x.position", "plant_y.position", "trajectory_x.position", "trajectory_y.position")
+    return metrics.circular_test(*(result[name] for name in names), radius=radius)
+
+
+def circle(radius: float) -> RunMeasure:
+    """The figures of ``second_turn``: G, F_max, F_min, mean_deviation, spike_0 ... spike_270, all in m."""
+
+    def measure(result: Result, window: Window) -> dict[str, float]:
+        test = second_turn(result, radius)
+        return {
+            "G": test.circular_deviation,
+            "F_max": test.radial_max,
+            "F_min": test.radial_min,
+            "mean_deviation": test.radial_mean,
+            **{f"spike_{90 * i}": spike for i, spike in enumerate(test.spikes)},
+        }
+
+    return measure
+
+
+def sample(index: int, signals: Mapping[str, str]) -> RunMeasure:
+    """The values of signals at one recorded sample: name of the figure -> signal."""
+    return lambda result, window: {name: float(result[signal][index]) for name, signal in signals.items()}
+
+
+def together(*parts: RunMeasure) -> RunMeasure:
+    """The figures of several measures."""
+
+    def measure(result: Result, window: Window) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for part in parts:
+            found |= part(result, window)
+        return found
+
+    return measure
