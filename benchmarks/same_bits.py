@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cosim import read_system, simulate
-from cosim.verify import verify
+from cosim.reference.replay import verify
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"
 SYSTEMS = (

@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, WORKSPACE
+from conftest import WORKSPACE
 from counter import Counter
 from counting import STEPS, T_S, program, run
 from instances import OK, Instance
@@ -77,9 +77,7 @@ def counter(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     folder = tmp_path_factory.mktemp(request.param)
     if request.param == "native":
         return build(Counter, folder, WORKSPACE.cache)
-    root = tmp_path_factory.mktemp("root")
-    (root / "counter.py").write_text((ROOT / "tests" / "counter.py").read_text())
-    return build_python(Counter, folder, WORKSPACE.cache, root=root)
+    return build_python(Counter, folder, WORKSPACE.cache)
 
 
 def expected(steps: list[Fraction]) -> list[tuple[float, float]]:

@@ -99,7 +99,7 @@ def trace(
     component = validation.component(kind)
     given = validation.inputs(kind) if inputs is None else inputs
     if validation.solution is not None:
-        filled = [kind.Input(**fill(kind.Input, iter(row))) for row in given]
+        filled = [kind.Input(**unflatten(kind.Input, iter(row))) for row in given]
         return validation.solution(component, validation.step_size, filled)
     rows = {Plant: _plant, Controller: _controller, Source: _source}
     base = next(base for base in rows if isinstance(component, base))
