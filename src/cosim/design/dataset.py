@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from ..errors import DescriptionError
+from ..files import PART, write_file
 from .plan import Point, Sweep
-
-TEMPORARY = ".part"
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,7 @@ class DataSet:
         elif self.folder.is_dir() and any(self.folder.iterdir()):
             raise DescriptionError(f"{self.folder} is not empty and holds no sweep. Name another folder.")
         self.runs.mkdir(parents=True, exist_ok=True)
-        for path in self.runs.glob(f"*{TEMPORARY}"):
+        for path in self.runs.glob(f"*{PART}"):
             path.unlink()
         content = {
             "digest": sweep.digest,
@@ -69,11 +66,11 @@ class DataSet:
             "units": {path: sweep.system.variable(*path.split(".", 1)).unit or "1" for path in sweep.parameters},
             "runs": len(sweep.points),
         }
-        _write(about, json.dumps(content, indent=2).encode())
+        write_file(about, json.dumps(content, indent=2))
         return set(self.read().column("run").to_pylist())
 
     def write(self, sweep: Sweep, rows: Sequence[Row]) -> None:
-        """Add a file with ``rows``, complete or not at all. Raises OSError."""
+        """Add a file with ``rows``, complete or not at all. Raises FileError."""
         import pyarrow
         from pyarrow import parquet as _parquet
 
@@ -89,7 +86,7 @@ class DataSet:
         columns["error"] = arrow.array([row.error or None for row in rows], arrow.string())
         buffer = arrow.BufferOutputStream()
         parquet.write_table(arrow.table(columns), buffer)
-        _write(self.runs / f"{min(row.run for row in rows):08d}.parquet", buffer.getvalue())
+        write_file(self.runs / f"{min(row.run for row in rows):08d}.parquet", buffer.getvalue())
 
     def read(self) -> Any:
         """All rows as one pyarrow table, in the order of the runs."""
@@ -101,18 +98,3 @@ class DataSet:
         if not tables:
             return arrow.table({"run": arrow.array([], arrow.int64())})
         return arrow.concat_tables(tables, promote_options="default").sort_by("run")
-
-
-def _write(path: Path, content: Any) -> None:
-    """Write a file so that it is there whole or not at all, whatever happens meanwhile."""
-    temporary = path.with_name(path.name + TEMPORARY)
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise

@@ -22,6 +22,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
+from ..files import write_file
 from ..master.simulation import simulate
 from ..result.metrics import Array
 from ..system.system import System, read_system
@@ -317,8 +318,7 @@ def reduce_nodes(error: Array, rate: Array, count: int = NODES) -> tuple[Array, 
 def write_nct(nct: Nct, path: Path) -> None:
     """Write the curve as CSV: error_m, rate_m_per_s."""
     rows = "".join(f"{e:.10g},{v:.10g}\n" for e, v in zip(nct.error, nct.rate, strict=True))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("error_m,rate_m_per_s\n" + rows, encoding="utf-8")
+    write_file(path, "error_m,rate_m_per_s\n" + rows)
 
 
 def write_start(
@@ -343,8 +343,7 @@ def write_start(
             for name, nodes in (("nct.error", error), ("nct.rate", rate))
         ),
     ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    write_file(path, "\n".join([*lines, ""]))
 
 
 def plot_nct(nct: Nct, path: Path) -> None:

@@ -36,6 +36,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
+from ..files import write_file
 from ..master.simulation import Checkpoint, Simulation
 from ..result.metrics import Array, rms
 from ..system.system import System, make_system, read_system
@@ -465,8 +466,7 @@ def save(learned: Learned, path: Path) -> None:
         "runs": dict(learned.runs),
         "seconds": learned.seconds,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(content, indent=1) + "\n")
 
 
 def load(path: Path) -> Learned:
@@ -498,8 +498,7 @@ def write_start(learned: Mapping[str, Learned], path: Path, *, base: str | None 
         for name, values in vars(result.tables).items():
             lines.append(f'"table.{name}" = [{", ".join(f"{value:.9g}" for value in values)}]')
         lines.append("")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines), encoding="utf-8")
+    write_file(path, "\n".join(lines))
 
 
 def plot_learned(learned: Mapping[str, Learned], path: Path) -> None:

@@ -191,7 +191,7 @@ def sweep(
         outcome = sweep("gains.toml", "results/gains", workers=2)
 
     ``workers`` processes of this machine (default: its cores; 0: this process), or the cluster of the dask scheduler
-    at ``scheduler``. Raises DescriptionError; OSError if the data set cannot be written; KeyboardInterrupt. What was
+    at ``scheduler``. Raises DescriptionError; FileError if the data set cannot be written; KeyboardInterrupt. What was
     written stays, and the same call goes on from there.
     """
     plan = path if isinstance(path, Sweep) else read_sweep(path, fmus=fmus)

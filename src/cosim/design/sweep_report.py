@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DescriptionError
+from ..files import write_file
 from ..result.metrics import Array
 from ..result.plots import save, typeset
 from .dataset import DataSet
@@ -70,8 +71,7 @@ def write_report(folder: Path) -> Path:
             lines.append(f"- and {len(failed) - SHOWN} more")
         lines.append("")
     path = folder / "report.md"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    return path
+    return write_file(path, "\n".join(lines))
 
 
 def _shown(value: Any) -> str:

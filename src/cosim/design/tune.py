@@ -37,6 +37,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import CosimError, DescriptionError, suggest
+from ..files import write_file
 from ..fmu.places import shipped_file
 from ..master.simulation import Simulation
 from ..result.metrics import Array
@@ -271,5 +272,4 @@ def write_start(tuned: Tuned, path: Path, *, base: str | None = None) -> None:
         instances.setdefault(instance, []).append(f'"{variable}" = {value:.12g}')
     for instance, values in instances.items():
         lines += [f"[instances.{instance}.start]", *values, ""]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines), encoding="utf-8")
+    write_file(path, "\n".join(lines))

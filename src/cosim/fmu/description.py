@@ -10,7 +10,6 @@ import os
 import re
 import stat
 import sys
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ from types import MappingProxyType
 from typing import Any, Literal, cast
 
 from ..errors import DescriptionError
+from ..files import temporary_folder
 from .archive import checked_members, unpack
 
 fmi: Any = import_module("fmpy.model_description")
@@ -204,8 +204,8 @@ def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
 def _parse(path: Path, xml: bytes) -> Any:
     """FMPy's ModelDescription of ``xml``, validated against the schema and FMPy's further rules."""
     said = f"{path.name}: modelDescription.xml"
-    with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
-        file = Path(folder) / "modelDescription.xml"
+    with temporary_folder() as folder:
+        file = folder / "modelDescription.xml"
         file.write_bytes(xml)
         try:
             return fmi.read_model_description(str(file), validate=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import hashlib
 import io
-import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from decimal import Decimal, InvalidOperation
@@ -15,6 +16,7 @@ from urllib.parse import unquote, urlsplit
 import fmpy.ssp
 
 from ..errors import DescriptionError, suggest
+from ..files import temporary_folder
 from ..fmu.archive import unpack
 from ..fmu.xml import parse
 from ..units import conversion, same_unit
@@ -27,7 +29,12 @@ if TYPE_CHECKING:
 _schemas = Path(fmpy.ssp.__file__).parent / "schema"
 
 
-_unpacked: dict[str, tempfile.TemporaryDirectory[str]] = {}
+_unpacked: dict[str, Path] = {}
+
+
+_folders = contextlib.ExitStack()
+"""Folders of unpacked packages, which last as long as the process."""
+atexit.register(_folders.close)
 
 
 # ---- reading ----
@@ -56,19 +63,17 @@ def _unpack(path: Path) -> tuple[bytes, Path]:
     packed = path.read_bytes()
     digest = hashlib.sha256(packed).hexdigest()
     if digest not in _unpacked:
-        holder = tempfile.TemporaryDirectory(prefix="cosim-ssp-")
-        try:
-            with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-                archive.filename = path.name
-                unpack(archive, Path(holder.name))
-        except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
-            holder.cleanup()
-            raise DescriptionError(f"{path.name}: not a readable zip archive ({error}).") from None
-        except DescriptionError:
-            holder.cleanup()
-            raise
-        _unpacked[digest] = holder
-    folder = Path(_unpacked[digest].name)
+        with contextlib.ExitStack() as resources:
+            folder = resources.enter_context(temporary_folder())
+            try:
+                with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+                    archive.filename = path.name
+                    unpack(archive, folder)
+            except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
+                raise DescriptionError(f"{path.name}: not a readable zip archive ({error}).") from None
+            _unpacked[digest] = folder
+            _folders.push(resources.pop_all())
+    folder = _unpacked[digest]
     description = folder / "SystemStructure.ssd"
     if not description.is_file():
         raise DescriptionError(f"{path.name}: no SystemStructure.ssd inside. This is not an SSP file.")

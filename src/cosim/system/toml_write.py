@@ -9,7 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from ..errors import DescriptionError
+from ..files import write_file
 from ..fmu.description import Fmu, Value
 from .ssp_write import resource_names
 
@@ -21,18 +21,13 @@ if TYPE_CHECKING:
 
 
 def write_toml(system: System, target: str | Path) -> Path:
-    """Write a system as a TOML file, its FMUs into the folder STEM_fmus beside it. Raises DescriptionError."""
+    """Write a system as a TOML file, its FMUs into the folder STEM_fmus beside it. Raises FileError."""
     target = Path(target)
     names = resource_names(system)
     folder = target.with_name(f"{target.stem}_fmus")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path, name in names.items():
-            (folder / name).write_bytes(path.read_bytes())
-        target.write_text(toml(system, {path: f"{folder.name}/{name}" for path, name in names.items()}), "utf-8")
-    except OSError as error:
-        raise DescriptionError(f"{target}: cannot be written ({error.strerror}).") from None
-    return target
+    for path, name in names.items():
+        write_file(folder / name, path.read_bytes())
+    return write_file(target, toml(system, {path: f"{folder.name}/{name}" for path, name in names.items()}))
 
 
 def toml(system: System, sources: Mapping[Path, str]) -> str:
