@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.markup import escape
 
@@ -71,18 +73,16 @@ def _run(options: argparse.Namespace) -> int:
     if not options.json:
         for note in system.notes:
             print_note(f"note: {note}")
-    record = _RecordFile(system, options.output)
-    try:
-        with Bar("Seconds") as bar:
-            result = _simulate(system, options, bar, record)
-    except RunError as error:
-        return _failed(error, options, record)
-    except Interrupted as interruption:
-        _finish(interruption.result, options, record, begun, interrupted=True)
-        return 128 + interruption.number
-    finally:
-        record.discard()
-    return _finish(result, options, record, begun)
+    with _RecordFile(system, options.output) as record:
+        try:
+            with Bar("Seconds") as bar:
+                result = _simulate(system, options, bar, record)
+        except RunError as error:
+            return _failed(error, options, record)
+        except Interrupted as interruption:
+            _finish(interruption.result, options, record, begun, interrupted=True)
+            return 128 + interruption.number
+        return _finish(result, options, record, begun)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -138,7 +138,7 @@ def _simulate(system: System, options: argparse.Namespace, bar: Bar, record: _Re
     )
 
 
-class _RecordFile:
+class _RecordFile(AbstractContextManager["_RecordFile"]):
     """The file of ``--output``, if there is one: written at the end, or as rows come if they are too many."""
 
     def __init__(self, system: System, path: Path | None) -> None:
@@ -174,7 +174,12 @@ class _RecordFile:
         elif self._path is not None:
             result.save(self._path)
 
-    def discard(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Remove a file that is not complete."""
         if self._writer is not None:
             self._writer.discard()

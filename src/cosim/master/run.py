@@ -269,9 +269,11 @@ class Run:
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
+        # With a board it is the other side that makes a result of the rows.
+        count = int(self.state[loop.ROWS]) if self.board is None else 0
         return make_result(
             self.system,
-            self.rows[: int(self.state[loop.ROWS])],
+            self.rows[:count],
             self.state,
             first_row=self.first_row,
             messages=[*self.notices, *(m for slave in self.slaves for m in slave.log.messages)],
@@ -299,7 +301,7 @@ def make_result(
 ) -> Result:
     """The result of a run that has come to where ``state`` is; ``rows`` has every n-th row from ``first_row`` on."""
     return Result(
-        time=row_times(system, np.arange(first_row, first_row + len(rows) * every, every)),
+        time=row_times(system, first_row, len(rows), every),
         rows=rows,
         columns=result_columns(system),
         partial=partial,
@@ -334,10 +336,14 @@ def system_metadata(system: System) -> dict[str, Any]:
     }
 
 
-def row_times(system: System, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The times of rows with these numbers, in seconds."""
-    points = np.asarray(numbers * system.decimation, dtype=np.float64)
-    return float(system.start_time) + points * float(system.step_size)
+def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
+    """The times of ``count`` rows from number ``first`` on, every ``every``-th, in seconds."""
+    times = np.arange(first, first + count * every, every, dtype=np.float64)
+    # In place: a long record has times as large as its rows.
+    times *= system.decimation
+    times *= float(system.step_size)
+    times += float(system.start_time)
+    return times
 
 
 def result_columns(system: System) -> tuple[Column, ...]:
