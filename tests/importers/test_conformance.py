@@ -10,6 +10,7 @@ from pathlib import Path
 from platform import machine
 
 import pytest
+from conftest import WORKSPACE
 
 from . import conform
 from .cases import MULTIPLES, Case, compare, fmu_case, multiple_case, system_case
@@ -28,6 +29,7 @@ from .conform import (
     table,
 )
 
+COMPONENTS = sorted(WORKSPACE.components())
 LOAD = "from libcosimpy.CosimManipulator import CosimManipulator"
 """libcosimpy loads its library when it is first used, not when it is imported."""
 
@@ -56,7 +58,7 @@ BREAK = {
 
 @pytest.fixture(scope="module")
 def cases(native: Path) -> list[Case]:
-    return [fmu_case(path) for path in sorted(native.glob("*.fmu"))]
+    return [fmu_case(native / f"{name}.fmu") for name in COMPONENTS]
 
 
 @pytest.mark.parametrize(
@@ -65,14 +67,14 @@ def cases(native: Path) -> list[Case]:
 def test_native_fmus_run_as_in_cosim(cases: list[Case], importer: str) -> None:
     outcome = run(importer, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == outcome.traces == len(cases) == 19
+    assert outcome.runs == outcome.traces == len(cases) == len(COMPONENTS)
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
 def test_checkers_report_nothing(cases: list[Case], checker: str) -> None:
     outcome = run(checker, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == 19
+    assert outcome.runs == len(cases) == len(COMPONENTS)
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
@@ -130,17 +132,17 @@ def test_systems_run_in_a_container_as_in_cosim(systems: list[Case], tmp_path: P
 
 
 def test_python_fmus_run_in_fmpy_as_in_cosim(python: Path) -> None:
-    cases = [fmu_case(path, 20) for path in sorted(python.glob("*.fmu"))]
+    cases = [fmu_case(python / f"{name}.fmu", 20) for name in COMPONENTS]
     outcome = run("fmpy.simulate_fmu", cases, sys.executable, "python", tolerance=PYTHON_TOLERANCE)
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == 19
+    assert outcome.runs == len(cases) == len(COMPONENTS)
 
 
 def test_plants_run_in_fmpy_as_model_exchange(cases: list[Case]) -> None:
     plants = [case for case in cases if case.job["continuous_states"]]
     outcome = run("fmpy.simulate_fmu ME", plants, sys.executable, "plants", tolerance=EXCHANGE_TOLERANCE)
     assert outcome.problems == []
-    assert outcome.runs == len(plants) == 4
+    assert outcome.runs == len(plants) >= 4
 
 
 def test_comparison_sees_a_wrong_trace() -> None:
