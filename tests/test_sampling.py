@@ -74,10 +74,8 @@ def test_fmi3_early_return_meets_every_instant(counting: Run, p: int, q: int, st
 @pytest.fixture(scope="module", params=["native", "python"])
 def counter(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The counter as FMU of both flavours."""
-    folder = tmp_path_factory.mktemp(request.param)
-    if request.param == "native":
-        return build(Counter, folder, WORKSPACE.cache)
-    return build_python(Counter, folder, WORKSPACE.cache)
+    make = build if request.param == "native" else build_python
+    return make(Counter, tmp_path_factory.mktemp(request.param), WORKSPACE.cache)
 
 
 def expected(steps: list[Fraction]) -> list[tuple[float, float]]:

@@ -29,7 +29,6 @@ from .conform import (
     table,
 )
 
-COMPONENTS = sorted(WORKSPACE.components())
 LOAD = "from libcosimpy.CosimManipulator import CosimManipulator"
 """libcosimpy loads its library when it is first used, not when it is imported."""
 
@@ -58,7 +57,7 @@ BREAK = {
 
 @pytest.fixture(scope="module")
 def cases(native: Path) -> list[Case]:
-    return [fmu_case(native / f"{name}.fmu") for name in COMPONENTS]
+    return [fmu_case(path) for path in sorted(native.glob("*.fmu"))]
 
 
 @pytest.mark.parametrize(
@@ -67,14 +66,14 @@ def cases(native: Path) -> list[Case]:
 def test_native_fmus_run_as_in_cosim(cases: list[Case], importer: str) -> None:
     outcome = run(importer, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == outcome.traces == len(cases) == len(COMPONENTS)
+    assert outcome.runs == outcome.traces == len(cases) == len(WORKSPACE.components())
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
 def test_checkers_report_nothing(cases: list[Case], checker: str) -> None:
     outcome = run(checker, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == len(COMPONENTS)
+    assert outcome.runs == len(cases) == len(WORKSPACE.components())
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
@@ -132,10 +131,10 @@ def test_systems_run_in_a_container_as_in_cosim(systems: list[Case], tmp_path: P
 
 
 def test_python_fmus_run_in_fmpy_as_in_cosim(python: Path) -> None:
-    cases = [fmu_case(python / f"{name}.fmu", 20) for name in COMPONENTS]
+    cases = [fmu_case(path, 20) for path in sorted(python.glob("*.fmu"))]
     outcome = run("fmpy.simulate_fmu", cases, sys.executable, "python", tolerance=PYTHON_TOLERANCE)
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == len(COMPONENTS)
+    assert outcome.runs == len(cases) == len(WORKSPACE.components())
 
 
 def test_plants_run_in_fmpy_as_model_exchange(cases: list[Case]) -> None:

@@ -32,7 +32,7 @@ from .signals import Presses, counted
 POLL_SECONDS = 0.05
 """How often the watching process looks; a message or the end of the run wakes it at once."""
 
-GRACE_SECONDS = 0.5
+GRACE_SECONDS = 0.4
 """How long a call may go on after Ctrl-C before the process is ended: the command reacts within a second."""
 
 JOIN_SECONDS = 0.5

@@ -152,16 +152,10 @@ class Run:
         system = self.system
         for slave, instance in zip(self.slaves, system.instances, strict=True):
             slave.set_all(instance.start)
-        tolerance = system.tolerance
         for slave in self.slaves:
-            slave.call(
-                "fmi2SetupExperiment",
-                tolerance is not None,
-                0.0 if tolerance is None else tolerance,
-                self.clock[0],
-                True,
-                float(system.stop_time),
-            )
+            tolerance = (slave.fmu.tolerance if system.tolerance is None else system.tolerance) or 0.0
+            times = self.clock[0], True, float(system.stop_time)
+            slave.call("fmi2SetupExperiment", tolerance > 0.0, tolerance, *times)
         for slave in self.slaves:
             slave.call("fmi2EnterInitializationMode")
         self.propagate()
@@ -269,11 +263,14 @@ class Run:
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
-        # With a board it is the other side that makes a result of the rows.
-        count = int(self.state[loop.ROWS]) if self.board is None else 0
+        if self.board is not None:
+            # The other side makes the result; it has the rows and the messages, and needs the rest from here.
+            dropped = sum(slave.log.dropped for slave in self.slaves)
+            facts = {"stepping_seconds": self.stepping_seconds}
+            return Result(np.empty(0), np.empty((0, 0)), (), partial, (), dropped, solver, facts)
         return make_result(
             self.system,
-            self.rows[:count],
+            self.rows[: int(self.state[loop.ROWS])],
             self.state,
             first_row=self.first_row,
             messages=[*self.notices, *(m for slave in self.slaves for m in slave.log.messages)],
@@ -331,6 +328,9 @@ def system_metadata(system: System) -> dict[str, Any]:
         "order": system.order if isinstance(system.order, str) else list(system.order),
         "decimation": system.decimation,
         "connections": [str(connection) for connection in system.connections],
+        "transformations": {
+            str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
+        },
         "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
         "versions": dict(_versions()),
     }
