@@ -141,7 +141,7 @@ def test_plants_run_in_fmpy_as_model_exchange(cases: list[Case]) -> None:
     plants = [case for case in cases if case.job["continuous_states"]]
     outcome = run("fmpy.simulate_fmu ME", plants, sys.executable, "plants", tolerance=EXCHANGE_TOLERANCE)
     assert outcome.problems == []
-    assert outcome.runs == len(plants) == 4
+    assert outcome.runs == len(plants) >= 4
 
 
 def test_comparison_sees_a_wrong_trace() -> None:

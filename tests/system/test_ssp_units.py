@@ -103,6 +103,13 @@ def test_offsets_count_for_values_too(tmp_path: Path) -> None:
     assert system.instance("a").start == {"u": 278.15}
 
 
+def test_a_set_and_an_fmu_may_mean_different_things_by_one_name(tmp_path: Path) -> None:
+    text = SET.format(name="u", unit='unit="mm"', units=units("ssv:Units", "mm", 'm="1" factor="0.25"'))
+    bound = binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>")
+    system = package(tmp_path, a=("mm", 'm="1" factor="1e-3"'), component=bound)
+    assert system.instance("a").start == {"u": 1250.0}
+
+
 def test_units_of_the_description_serve_values(tmp_path: Path) -> None:
     text = SET.format(name="u", unit='unit="inch"', units="")
     bound = binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>")
