@@ -190,13 +190,21 @@ def test_warnings_of_fmus_are_shown(place: Path, cosim: Run) -> None:
     assert "Simulated" in out
 
 
+def unpacked(place: Path) -> bool:
+    """Whether the library of an FMU is unpacked; other temporary folders may vanish while this looks."""
+    try:
+        return any(place.glob("cosim-*/*/binaries/*/*"))
+    except FileNotFoundError:
+        return False
+
+
 def test_interrupt_exits_130_and_keeps_what_was_computed(place: Path) -> None:
     options = ["--set", "a.sleep=100", "--stop-time", "100000", "--record", "a.y", "--output", "a.csv"]
     process = subprocess.Popen(
         [sys.executable, "-m", "cosim", "run", "two.toml", *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "TMPDIR": str(place)},
     )  # fmt: skip
-    while process.poll() is None and not list(place.glob("cosim-*/*/binaries/*/*")):
+    while process.poll() is None and not unpacked(place):
         pass
     while process.poll() is None:
         # The library is unpacked a moment before the run begins: until then Ctrl-C ends with nothing computed.

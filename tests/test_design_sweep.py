@@ -22,7 +22,7 @@ from cosim.design import sweep as sweeps
 from cosim.design.dataset import DataSet, Row
 from cosim.design.plan import Point, Sweep, make_sweep, read_sweep
 from cosim.design.sweep import Job, Progress, report, sweep
-from cosim.errors import DescriptionError
+from cosim.errors import DescriptionError, FileError
 from cosim.system.system import read_system
 
 STEP = Path(__file__).parents[1] / "studies" / "maeda2008" / "step.toml"
@@ -201,7 +201,7 @@ def test_a_full_disk_ends_the_sweep_and_loses_nothing(
         real(file)
 
     monkeypatch.setattr(sweeps.os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(FileError, match="no space is left on the disk"):
         sweep(plan, tmp_path / "data", workers=0)
     monkeypatch.undo()
     assert not list(tmp_path.rglob("*.part"))

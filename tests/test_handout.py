@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cosim.commands.cli import main
-from cosim.errors import DescriptionError
+from cosim.errors import DescriptionError, FileError
 from cosim.fmu.copies import copy_fmus
 
 
@@ -17,7 +17,7 @@ def test_all_or_some_fmus_are_copied_byte_by_byte(native: Path, tmp_path: Path) 
     assert [path.name for path in some] == ["Trajectory.fmu", "PPi.fmu"]
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == ["PPi.fmu", "Trajectory.fmu"]
     rest = copy_fmus(native, tmp_path / "a" / "b")
-    assert len(rest) == 14
+    assert len(rest) == len(list(native.glob("*.fmu"))) - 2
     assert all((tmp_path / "a" / "b" / path.name).read_bytes() == path.read_bytes() for path in native.glob("*.fmu"))
     assert copy_fmus(native, tmp_path / "a" / "b") == []
 
@@ -26,11 +26,11 @@ def test_everything_in_the_way_is_told_at_once_and_nothing_copied(native: Path, 
     (tmp_path / "PPi.fmu").write_bytes(b"mine")
     (tmp_path / "Trajectory.fmu").mkdir()
     with pytest.raises(DescriptionError) as caught:
-        copy_fmus(native, tmp_path, ["Balscrew", "PPi", "Trajectory", "NctfPi"])
+        copy_fmus(native, tmp_path, ["BalscrewStage", "PPi", "Trajectory", "NctfPi"])
     problems = caught.value.problems
     assert len(problems) == 3
     first, second, third = problems
-    assert first == f"no FMU 'Balscrew' in {native}. Did you mean 'BallscrewStage'?"
+    assert first == f"no FMU 'BalscrewStage' in {native}. Did you mean 'BallscrewStage'?"
     assert second == f"{tmp_path / 'PPi.fmu'}: is another FMU. Give --force to replace it, or another folder."
     assert third.startswith(f"{tmp_path / 'Trajectory.fmu'}: is a folder.")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["PPi.fmu", "Trajectory.fmu"]
@@ -43,7 +43,7 @@ def test_folders_that_cannot_serve_are_refused(native: Path, tmp_path: Path) -> 
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(DescriptionError, match="file: is not a folder"):
         copy_fmus(native, tmp_path / "file", ["PPi"])
-    with pytest.raises(DescriptionError, match=r"cannot be written to .*Not a directory"):
+    with pytest.raises(FileError, match=r"cannot be written: a part of the path is a file"):
         copy_fmus(native, tmp_path / "file" / "below", ["PPi"])
     with pytest.raises(DescriptionError, match=r"nowhere: there is no FMU\. Build"):
         copy_fmus(tmp_path / "nowhere", tmp_path)

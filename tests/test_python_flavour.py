@@ -294,7 +294,7 @@ def test_broken_rule_ends_initialization(native: Path, python: Path) -> None:
             fmu.fmu.enterInitializationMode()
             assert fmu.status("ExitInitializationMode") == ERROR
             said.append(fmu.messages)
-    assert "F_S is below F_C" in said[0][0]
+    assert "F_S = 0 with F_C > 0" in said[0][0]
     assert said[0] == said[1]
 
 

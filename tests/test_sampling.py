@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, WORKSPACE
+from conftest import WORKSPACE
 from counter import Counter
 from counting import STEPS, T_S, program, run
 from instances import OK, Instance
@@ -74,12 +74,8 @@ def test_fmi3_early_return_meets_every_instant(counting: Run, p: int, q: int, st
 @pytest.fixture(scope="module", params=["native", "python"])
 def counter(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The counter as FMU of both flavours."""
-    folder = tmp_path_factory.mktemp(request.param)
-    if request.param == "native":
-        return build(Counter, folder, WORKSPACE.cache)
-    root = tmp_path_factory.mktemp("root")
-    (root / "counter.py").write_text((ROOT / "tests" / "counter.py").read_text())
-    return build_python(Counter, folder, WORKSPACE.cache, root=root)
+    make = build if request.param == "native" else build_python
+    return make(Counter, tmp_path_factory.mktemp(request.param), WORKSPACE.cache)
 
 
 def expected(steps: list[Fraction]) -> list[tuple[float, float]]:

@@ -119,10 +119,6 @@ class Declaration:
         return isinstance(self.start, bool | Choice)
 
 
-def _declare(start: Any, **metadata: Any) -> Any:
-    return field(default=start, metadata=metadata)
-
-
 def parameter(
     start: T,
     unit: str,
@@ -140,21 +136,9 @@ def parameter(
     ``start`` may be a float, int, bool, ``Choice`` member or tuple of floats (array of fixed length).
     ``tunable`` parameters may be changed during a run. ``name`` is the name in FMUs if it is not the attribute's.
     """
-    return cast(
-        T,
-        _declare(
-            start,
-            unit=unit,
-            text=text,
-            min=min,
-            max=max,
-            nominal=nominal,
-            display_unit=display_unit,
-            variability=variability,
-            name=name,
-            discrete=False,
-        ),
-    )
+    metadata = {"unit": unit, "text": text, "min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    metadata |= {"variability": variability, "name": name, "discrete": False}
+    return field(default=start, metadata=metadata)
 
 
 def variable(
@@ -174,21 +158,9 @@ def variable(
     ``nominal`` is the order of magnitude; the integrator's absolute tolerance of a state is its tolerance
     times it. ``discrete`` marks a state of a ``Plant`` that ``update`` sets and integration leaves alone.
     """
-    return cast(
-        T,
-        _declare(
-            start,
-            unit=unit,
-            text=text,
-            min=min,
-            max=max,
-            nominal=nominal,
-            display_unit=display_unit,
-            variability="fixed",
-            name=name,
-            discrete=discrete,
-        ),
-    )
+    metadata = {"unit": unit, "text": text, "min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    metadata |= {"variability": "fixed", "name": name, "discrete": discrete}
+    return field(default=start, metadata=metadata)
 
 
 def declarations(owner: type[Record] | type[Component]) -> tuple[Declaration, ...]:

@@ -24,9 +24,16 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+try:
+    from numba import njit
+except ModuleNotFoundError:
+    # One run takes a second in plain Python; for all 782 of them install numba (extra "references").
+    def njit(function):  # type: ignore[no-untyped-def]
+        return function
+
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
@@ -68,7 +75,7 @@ AXES = {
 }
 
 
-@numba.njit
+@njit
 def track(ref, v_start, axis, pulse):  # type: ignore[no-untyped-def]
     """Error of the table at each sample of ``ref`` but the last; steady friction at the start."""
     mass, F_C, F_S, v_s, sigma_0, sigma_1, sigma_2 = axis

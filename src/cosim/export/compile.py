@@ -94,8 +94,9 @@ def _compile(sources: Mapping[str, bytes], compiled: Sequence[str], target: str,
     for name in sorted(sources):
         digest.update(name.encode() + b"\0" + sources[name])
     kept = cache / "binaries" / f"{digest.hexdigest()[:32]}{ending}"
-    if kept.is_file():
-        return kept.read_bytes()
+    found = _from_cache(kept)
+    if found is not None:
+        return found
     kept.parent.mkdir(parents=True, exist_ok=True)
     environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str((cache / "zig").resolve())}
     with tempfile.TemporaryDirectory() as folder:
@@ -110,8 +111,18 @@ def _compile(sources: Mapping[str, bytes], compiled: Sequence[str], target: str,
         if done.returncode:
             raise BuildError(f"compiling for {target} failed:\n{done.stderr.strip()}")
         content = (Path(folder) / f"model{ending}").read_bytes()
-    write_file(kept, content)
+    write_file(kept, hashlib.sha256(content).digest() + content)
     return content
+
+
+def _from_cache(kept: Path) -> bytes | None:
+    """A compiled binary, which lies behind its hash; None if it is not there, or damaged and to be compiled again."""
+    try:
+        stored = kept.read_bytes()
+    except FileNotFoundError:
+        return None
+    digest, content = stored[:32], stored[32:]
+    return content if hashlib.sha256(content).digest() == digest else None
 
 
 def _universal(slices: Sequence[bytes]) -> bytes:

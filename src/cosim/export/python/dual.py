@@ -62,9 +62,11 @@ class Dual:
     def __pow__(self, other: Dual | float) -> Dual:
         value = self.value ** (other.value if isinstance(other, Dual) else other)
         if isinstance(other, Dual):
-            own = other.value * self.value ** (other.value - 1.0)
-            return self.mixed(value, own, other, value * math.log(self.value))
-        return self.scaled(value, other * self.value ** (other - 1.0) if other else 0.0)
+            own = _ratio(other.value * value, self.value)
+            return self.mixed(value, own, other, value * math.log(self.value) if value else 0.0)
+        # x**p/x would be 0/0 at x = 0
+        slope = other * self.value ** (other - 1.0) if self.value or other >= 1.0 else _ratio(other, 0.0)
+        return self.scaled(value, slope if other else 0.0)
 
     def __rpow__(self, other: float) -> Dual:
         value = other**self.value
@@ -114,7 +116,7 @@ class Dual:
     def sqrt(self) -> Dual:
         """Square root."""
         value = math.sqrt(self.value)
-        return self.scaled(value, 0.5 / value)
+        return self.scaled(value, _ratio(0.5, value))
 
     def sin(self) -> Dual:
         """Sine."""
@@ -130,11 +132,11 @@ class Dual:
 
     def asin(self) -> Dual:
         """Arc sine."""
-        return self.scaled(math.asin(self.value), 1.0 / math.sqrt(1.0 - self.value**2))
+        return self.scaled(math.asin(self.value), _ratio(1.0, math.sqrt(1.0 - self.value**2)))
 
     def acos(self) -> Dual:
         """Arc cosine."""
-        return self.scaled(math.acos(self.value), -1.0 / math.sqrt(1.0 - self.value**2))
+        return self.scaled(math.acos(self.value), _ratio(-1.0, math.sqrt(1.0 - self.value**2)))
 
     def atan(self) -> Dual:
         """Arc tangent."""
@@ -187,6 +189,13 @@ class Dual:
 def plain(number: Dual | float) -> float:
     """The value alone."""
     return number.value if isinstance(number, Dual) else number
+
+
+def _ratio(dividend: float, divisor: float) -> float:
+    """A quotient as C gives it: an infinite slope spoils nothing where its branch is not taken."""
+    if divisor:
+        return dividend / divisor
+    return math.copysign(math.inf, dividend) if dividend else math.nan
 
 
 def _atan2(y: Dual | float, x: Dual | float) -> Dual:

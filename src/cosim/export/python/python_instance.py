@@ -10,121 +10,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cache
-from typing import Any, ClassVar, NamedTuple, cast
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, cast
 
 from ...model import Component, Controller, Plant, Record, Source, unflatten
 from .. import contract
-from ..contract import (
-    BEFORE,
-    DISCARD,
-    ERROR,
-    EVALUATED,
-    FAILED,
-    INITIALIZATION,
-    INSTANTIATED,
-    LEGAL,
-    LIMITS,
-    REASONS,
-    STEP_COMPLETE,
-    STEP_FAILED,
-    TERMINATED,
-    WARNING,
-)
-from ..interface import Variable, gap_rules, ordered_states, scalars, unchecked, variables_of
+from ..contract import BEFORE, DISCARD, ERROR, FAILED, INITIALIZATION, STEP_COMPLETE, STEP_FAILED, TERMINATED
+from ..interface import Variable, unchecked
 from .dual import Dual, plain
 from .integrator import Problem, Progress, Stopped, integrate
+from .memory import Memory, float_of, interface, numbers, value_of, with_types
+from .messages import CATEGORIES, PHASES, Message, Refusal
 from .ticks import EPSILON, Ticks
-
-CATEGORIES = dict(zip((WARNING, DISCARD, ERROR), contract.CATEGORIES, strict=False))
-PHASES = dict(zip((1 << k for k in range(len(contract.PHASES))), contract.PHASES.values(), strict=True))
-
-
-class Message(NamedTuple):
-    """A log message as PythonFMU takes it."""
-
-    status: int
-    category: str
-    msg: str
-
-
-class Refusal(Exception):
-    """Ends a call with a status and a message of the contract."""
-
-    def __init__(self, status: int, name: str, *arguments: object) -> None:
-        self.status, self.text = status, contract.message(name, *arguments)
-        super().__init__(self.text)
-
-
-@dataclass
-class Memory:
-    """All that an instance remembers: its FMU state. The fields mean what they mean in ``core.c``."""
-
-    v: list[float]
-    next: list[float]
-    start: float = 0.0
-    time: float = 0.0
-    stop: float = math.inf
-    tolerance: float = 0.0
-    step: float = 0.0
-    steps: int = 0
-    count: Ticks = field(default_factory=Ticks)
-    counts: list[int] = field(default_factory=lambda: [0] * 5)
-    phase: int = INSTANTIATED
-    tolerance_set: bool = False
-    parameters_dirty: bool = True
-    outputs_dirty: bool = True
-    derivatives_dirty: bool = True
-    sampled: bool = False
-
-    def copy(self) -> dict[str, Any]:
-        """Plain values that share nothing with this memory."""
-        return asdict(self)
-
-
-class Interface:
-    """Where the variables of a component are in ``Memory.v``."""
-
-    def __init__(self, kind: type[Component]) -> None:
-        self.variables: tuple[Variable, ...] = variables_of(kind)
-        states, self.n_continuous = ordered_states(kind)
-        sizes = [
-            len(scalars(kind)),
-            len(scalars(kind.Input)),
-            len(states),
-            len(scalars(kind.Output)),
-            self.n_continuous,
-        ]
-        starts = [sum(sizes[:i]) for i in range(len(sizes) + 1)]
-        self.parameters, self.inputs, self.states, self.outputs, self.derivatives = (
-            slice(starts[i], starts[i + 1]) for i in range(5)
-        )
-        self.counter_0 = starts[5]
-        declared = [scalar.name for scalar in scalars(kind.State)]
-        ordered = [scalar.name for scalar in states]
-        self.to_record = [ordered.index(name) for name in declared]
-        self.from_record = [declared.index(name) for name in ordered]
-        self.nominals = [scalar.declaration.nominal for scalar in states[: self.n_continuous]]
-        self.references = {variable.name: variable.reference for variable in self.variables}
-        self.gaps = gap_rules(kind)
-        self.whole_states = [(i, v) for i, v in enumerate(self.variables[self.states]) if v.type != "Real"]
-        self.whole_inputs = [(i, v) for i, v in enumerate(self.variables[self.inputs]) if v.type != "Real"]
-
-
-@cache
-def interface(kind: type[Component]) -> Interface:
-    """The interface of a component, made once."""
-    return Interface(kind)
-
-
-def value_of(variable: Variable, number: float) -> Any:
-    """What a component's field holds for the number an FMU holds; its start value for a number without a member."""
-    if variable.choice is not None:
-        known = {item.number: item for item in variable.choice}
-        return known.get(int(number), known[int(variable.start)])
-    return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
 
 
 class Instance:
@@ -151,15 +48,15 @@ class Instance:
         def keep(function: str) -> None:
             self.set_up(function, start_time, stop_time, tolerance)
 
-        self.guard("fmi2SetupExperiment", LEGAL["SET_UP"], keep)
+        self.guard("fmi2SetupExperiment", contract.LEGAL["SET_UP"], keep)
 
     def enter_initialization_mode(self) -> None:
         """fmi2EnterInitializationMode."""
-        self.guard("fmi2EnterInitializationMode", LEGAL["ENTER_INITIALIZATION"], self.enter)
+        self.guard("fmi2EnterInitializationMode", contract.LEGAL["ENTER_INITIALIZATION"], self.enter)
 
     def exit_initialization_mode(self) -> None:
         """fmi2ExitInitializationMode."""
-        self.guard("fmi2ExitInitializationMode", LEGAL["EXIT_INITIALIZATION"], self.leave)
+        self.guard("fmi2ExitInitializationMode", contract.LEGAL["EXIT_INITIALIZATION"], self.leave)
 
     def terminate(self) -> None:
         """fmi2Terminate."""
@@ -167,11 +64,13 @@ class Instance:
         def end(function: str) -> None:
             self.memory.phase = TERMINATED
 
-        self.guard("fmi2Terminate", LEGAL["TERMINATE"], end)
+        self.guard("fmi2Terminate", contract.LEGAL["TERMINATE"], end)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """fmi2DoStep; False if it is to be discarded or was wrong."""
-        self.guard("fmi2DoStep", LEGAL["STEP"], lambda function: self.advance(function, current_time, step_size))
+        self.guard(
+            "fmi2DoStep", contract.LEGAL["STEP"], lambda function: self.advance(function, current_time, step_size)
+        )
         return not self.log_queue
 
     def get_real(self, vrs: Sequence[int]) -> list[float]:
@@ -216,7 +115,7 @@ class Instance:
                 raise Refusal(ERROR, "NO_STATE", function, self.kind.__name__)
             self.memory, self.made = memory, None
 
-        self.guard("fmi2SetFMUstate", LEGAL["HANDLE_STATE"], restore)
+        self.guard("fmi2SetFMUstate", contract.LEGAL["HANDLE_STATE"], restore)
 
     def memory_of(self, state: Mapping[str, Any]) -> Memory | None:
         """The memory of saved values, or None if no instance of this FMU can go on with them."""
@@ -332,7 +231,7 @@ class Instance:
 
         def read(function: str) -> None:
             wanted = [self.checked(function, reference, types) for reference in references]
-            if self.memory.phase & EVALUATED:
+            if self.memory.phase & contract.EVALUATED:
                 self.refresh(any(variable.role == "derivative" for variable in wanted))
             for variable in wanted:
                 if variable.role == "counter":
@@ -343,7 +242,7 @@ class Instance:
                         raise Refusal(DISCARD, "RESULT_NOT_FINITE", function, variable.name, self.memory.time)
                     values.append(convert(value))
 
-        self.guard(function, LEGAL["GET"], read)
+        self.guard(function, contract.LEGAL["GET"], read)
         return values if len(values) == len(references) else [convert(0) for _ in references]
 
     def set(self, function: str, types: Sequence[str], references: Sequence[int], values: Sequence[float]) -> None:
@@ -359,7 +258,7 @@ class Instance:
                         raise
                     self.say(refusal.status, refusal.text)
 
-        self.guard(function, LEGAL["SET"], write)
+        self.guard(function, contract.LEGAL["SET"], write)
 
     def set_one(self, function: str, variable: Variable, value: float) -> None:
         """Set one variable or refuse its value."""
@@ -527,9 +426,9 @@ class Instance:
         """All samples of a step."""
         memory, face, T_s = self.memory, self.face, self.sampling_time()
         samples = memory.count.begin(T_s, memory.time, step)
-        if samples > LIMITS["SAMPLES"]:
+        if samples > contract.LIMITS["SAMPLES"]:
             memory.phase = STEP_FAILED
-            raise Refusal(DISCARD, "TOO_MANY_SAMPLES", function, step, samples, T_s, LIMITS["SAMPLES"])
+            raise Refusal(DISCARD, "TOO_MANY_SAMPLES", function, step, samples, T_s, contract.LIMITS["SAMPLES"])
         names = [v.name for v in (*face.variables[face.outputs], *face.variables[face.states])]
         for _ in range(int(samples)):
             if not memory.sampled:
@@ -583,7 +482,7 @@ class Instance:
             accepted(end, ())
         else:
             tolerance = memory.v[face.references["tolerance"]]
-            problem = Problem(derivative, linear, accepted, face.nominals, tolerance, int(LIMITS["ATTEMPTS"]))
+            problem = Problem(derivative, linear, accepted, face.nominals, tolerance, int(contract.LIMITS["ATTEMPTS"]))
             progress = Progress(memory.step, memory.counts)
             try:
                 integrate(problem, progress, memory.time, end, states[:n])
@@ -591,30 +490,9 @@ class Instance:
                 memory.time, memory.phase = stopped.time, STEP_FAILED
                 names = [variable.name for variable in face.variables[face.states]]
                 where = "no single state" if stopped.state is None else names[stopped.state]
-                raise Refusal(DISCARD, "STOPPED", function, stopped.time, REASONS[stopped.reason], where) from stopped
+                raise Refusal(
+                    DISCARD, "STOPPED", function, stopped.time, contract.REASONS[stopped.reason], where
+                ) from stopped
             finally:
                 memory.v[face.states], memory.step = states, progress.step
         memory.v[face.states] = states
-
-
-def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
-    """Values as equations see them: those of ``whole`` places are no floats."""
-    if not whole:
-        return values
-    typed: list[Any] = list(values)
-    for i, variable in whole:
-        typed[i] = value_of(variable, typed[i])
-    return typed
-
-
-def numbers(call: Callable[[], Any], n: int) -> list[float]:
-    """The values of the record that ``call`` gives; not-a-numbers where Python refuses to compute them."""
-    try:
-        return [value if isinstance(value, float) else float_of(value) for value in cast(Iterable[Any], call())]
-    except (ArithmeticError, ValueError):
-        return [math.nan] * n
-
-
-def float_of(value: Any) -> float:
-    """A number as float; not-a-number for a root or power of a negative value, which is complex in Python."""
-    return math.nan if isinstance(value, complex) else float(value)

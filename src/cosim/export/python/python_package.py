@@ -25,7 +25,7 @@ DECLARATION = (
     "errors.py",
     "model.py",
     *(f"export/{name}.py" for name in ("contract", "interface")),
-    *(f"export/python/{name}.py" for name in ("dual", "integrator", "python_instance", "ticks")),
+    *(f"export/python/{name}.py" for name in ("dual", "integrator", "memory", "messages", "python_instance", "ticks")),
 )
 PYTHONFMU = ("_version.py", "default_experiment.py", "enums.py", "fmi2slave.py", "logmsg.py", "variables.py")
 

@@ -1,0 +1,107 @@
+"""What an instance of a Python FMU remembers, and how its numbers and a component's records become each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from typing import Any, cast
+
+from ...model import Component
+from ..contract import INSTANTIATED
+from ..interface import Variable, gap_rules, ordered_states, scalars, variables_of
+from .dual import Dual
+from .ticks import Ticks
+
+
+@dataclass
+class Memory:
+    """All that an instance remembers: its FMU state. The fields mean what they mean in ``core.c``."""
+
+    v: list[float]
+    next: list[float]
+    start: float = 0.0
+    time: float = 0.0
+    stop: float = math.inf
+    tolerance: float = 0.0
+    step: float = 0.0
+    steps: int = 0
+    count: Ticks = field(default_factory=Ticks)
+    counts: list[int] = field(default_factory=lambda: [0] * 5)
+    phase: int = INSTANTIATED
+    tolerance_set: bool = False
+    parameters_dirty: bool = True
+    outputs_dirty: bool = True
+    derivatives_dirty: bool = True
+    sampled: bool = False
+
+    def copy(self) -> dict[str, Any]:
+        """Plain values that share nothing with this memory."""
+        return asdict(self)
+
+
+class Interface:
+    """Where the variables of a component are in ``Memory.v``."""
+
+    def __init__(self, kind: type[Component]) -> None:
+        self.variables: tuple[Variable, ...] = variables_of(kind)
+        states, self.n_continuous = ordered_states(kind)
+        sizes = [
+            len(scalars(kind)),
+            len(scalars(kind.Input)),
+            len(states),
+            len(scalars(kind.Output)),
+            self.n_continuous,
+        ]
+        starts = [sum(sizes[:i]) for i in range(len(sizes) + 1)]
+        self.parameters, self.inputs, self.states, self.outputs, self.derivatives = (
+            slice(starts[i], starts[i + 1]) for i in range(5)
+        )
+        self.counter_0 = starts[5]
+        declared = [scalar.name for scalar in scalars(kind.State)]
+        ordered = [scalar.name for scalar in states]
+        self.to_record = [ordered.index(name) for name in declared]
+        self.from_record = [declared.index(name) for name in ordered]
+        self.nominals = [scalar.declaration.nominal for scalar in states[: self.n_continuous]]
+        self.references = {variable.name: variable.reference for variable in self.variables}
+        self.gaps = gap_rules(kind)
+        self.whole_states = [(i, v) for i, v in enumerate(self.variables[self.states]) if v.type != "Real"]
+        self.whole_inputs = [(i, v) for i, v in enumerate(self.variables[self.inputs]) if v.type != "Real"]
+
+
+@cache
+def interface(kind: type[Component]) -> Interface:
+    """The interface of a component, made once."""
+    return Interface(kind)
+
+
+def value_of(variable: Variable, number: float) -> Any:
+    """What a component's field holds for the number an FMU holds; its start value for a number without a member."""
+    if variable.choice is not None:
+        known = {item.number: item for item in variable.choice}
+        return known.get(int(number), known[int(variable.start)])
+    return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
+
+
+def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
+    """Values as equations see them: those of ``whole`` places are no floats."""
+    if not whole:
+        return values
+    typed: list[Any] = list(values)
+    for i, variable in whole:
+        typed[i] = value_of(variable, typed[i])
+    return typed
+
+
+def numbers(call: Callable[[], Any], n: int) -> list[float]:
+    """The values of the record that ``call`` gives; not-a-numbers where Python refuses to compute them."""
+    try:
+        return [value if isinstance(value, float) else float_of(value) for value in cast(Iterable[Any], call())]
+    except (ArithmeticError, ValueError):
+        return [math.nan] * n
+
+
+def float_of(value: Any) -> float:
+    """A number as float; not-a-number for a root or power of a negative value, which is complex in Python."""
+    return math.nan if isinstance(value, complex) else float(value)
