@@ -139,7 +139,7 @@ def _measured_line(claim: Claim, numbers: Numbers, spread: Mapping[str, tuple[fl
 
 def _row(verdict: Verdict) -> dict[str, Any]:
     claim = verdict.claim
-    words = claim.published if isinstance(claim.published, str) else ""
+    words = claim.published if isinstance(claim.published, str) and claim.kind != "finding" else ""
     return {
         "id": claim.id,
         "text": claim.text,
