@@ -72,10 +72,10 @@ def test_limits_are_kept_where_they_bind(make: Callable[..., Tuning]) -> None:
 
 
 def test_failing_runs_lose_against_all_others(make: Callable[..., Tuning]) -> None:
-    """F_S below F_C is refused by the plant: the best point lies on the other side."""
+    """Nodes of the NCT that do not ascend are refused: the best point lies on the other side."""
     tuning = make(
         system="step.toml",
-        parameters={"plant.F_S": {"from": 0.02, "to": 0.08}},
+        parameters={"controller.nct.error[2]": {"from": 6.0e-7, "to": 9.0e-7}},
         metrics=METRICS,
         objective="swing",
         generations=3,
@@ -83,10 +83,9 @@ def test_failing_runs_lose_against_all_others(make: Callable[..., Tuning]) -> No
     tuned = tune(tuning)
     assert any(trial.error for trial in tuned.trials)
     assert tuned.feasible
-    assert tuned.parameters["plant.F_S"] >= 0.046
-    none = make(
-        system="step.toml", parameters={"plant.F_S": {"from": 0.02, "to": 0.03}}, metrics=METRICS, objective="swing"
-    )
+    assert tuned.parameters["controller.nct.error[2]"] <= 6.941304264e-7  # the third node
+    refused = {"controller.nct.error[2]": {"from": 8.0e-7, "to": 9.0e-7}}
+    none = make(system="step.toml", parameters=refused, metrics=METRICS, objective="swing")
     with pytest.raises(DescriptionError, match="no run of"):
         tune(none)
 
