@@ -77,6 +77,8 @@ class Sweep:
     points: tuple[Point, ...]
     metrics: tuple[Metric, ...]
     window: tuple[float, float]
+    timeout: float | None = None
+    """Limit for a run in s; None if it follows from the runs measured."""
 
     @property
     def digest(self) -> str:
@@ -106,7 +108,7 @@ def make_sweep(
     document: Mapping[str, Any], *, name: str = "sweep", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> Sweep:
     """Check a sweep given as nested tables, as a sweep file holds them."""
-    known = ("system", "description", "method", "count", "seed", "parameters", "experiment", "metrics")
+    known = ("system", "description", "method", "count", "seed", "timeout", "parameters", "experiment", "metrics")
     problems = [f"{name}: {key}: unknown key.{suggest(key, known)}" for key in document if key not in known]
     if not isinstance(document.get("system"), str):
         raise DescriptionError([*problems, f'{name}: system: missing. Name a system file: system = "loop.toml".'])
@@ -135,7 +137,17 @@ def make_sweep(
     needed = dict.fromkeys([*(".".join(end) for end in system.record), *(metric.signal for metric in wanted)])
     system = system.changed(record=list(needed))
     text = str(document.get("description", ""))
-    return Sweep(name, text, system, method, tuple(parameters), points, wanted, window)
+    return Sweep(
+        name,
+        text,
+        system,
+        method,
+        tuple(parameters),
+        points,
+        wanted,
+        window,
+        document.get("timeout") and float(document["timeout"]),
+    )
 
 
 def _swept(system: System, path: str) -> Variable:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DescriptionError
+from ..files import write_file
 from ..result.metrics import Array
 from ..result.plots import save, typeset
 from .dataset import DataSet
@@ -30,11 +30,12 @@ SHOWN = 10
 
 def write_report(folder: Path) -> Path:
     """Write ``report.md`` and one picture a figure into the folder of a data set; the path of the report."""
-    about_file = folder / "sweep.json"
-    if not about_file.is_file():
-        raise DescriptionError(f"{folder} holds no sweep.")
-    about: Mapping[str, Any] = json.loads(about_file.read_text(encoding="utf-8"))
-    table = DataSet(folder).read()
+    data = DataSet(folder)
+    try:
+        about = data.about()
+    except FileNotFoundError:
+        raise DescriptionError(f"{folder} holds no sweep.") from None
+    table = data.read()
     if not table.num_rows:
         raise DescriptionError(f"{folder} holds no run yet.")
     columns: dict[str, list[Any]] = table.to_pydict()
@@ -70,8 +71,7 @@ def write_report(folder: Path) -> Path:
             lines.append(f"- and {len(failed) - SHOWN} more")
         lines.append("")
     path = folder / "report.md"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    return path
+    return write_file(path, "\n".join(lines))
 
 
 def _shown(value: Any) -> str:
