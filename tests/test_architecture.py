@@ -31,6 +31,7 @@ ROOMS = (
     # From the bottom to the top: a room imports only rooms above it in this table, and of those only the named ones.
     Room("cosim.errors"),
     Room("cosim.files", ["cosim.errors"]),
+    Room("cosim.tables", ["cosim.errors", "cosim.files"], ["pydantic", "pydantic_core", "tomli_w"]),
     Room("cosim.units", ["cosim.errors"]),
     Room("cosim.model", ["cosim.errors", "cosim.units"]),
     Room("fmus", ["cosim.model"]),
@@ -51,12 +52,12 @@ ROOMS = (
     Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL"]),
     Room(
         "cosim.design",
-        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
-        ["control", "dask", "distributed", "matplotlib", "numpy", "pyarrow", "scipy"],
+        [*BASE, "cosim.tables", "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
+        ["control", "distributed", "matplotlib", "numpy", "pyarrow", "pydantic", "scipy"],
     ),
     Room(
         "cosim.study",
-        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
+        [*BASE, "cosim.tables", "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
         ["jinja2", "markdown_it", "matplotlib", "numpy", "pydantic"],
     ),
     Room("cosim.commands", ["cosim", "fmus"], ["numpy", "rich"]),

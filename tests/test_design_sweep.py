@@ -93,7 +93,7 @@ def test_everything_wrong_is_said_at_once(make: Callable[..., Sweep]) -> None:
         ({"plant.m": {"from": 1.0}}, {}, "write { from = 1.0"),
         ({"plant.m": {"from": 0.0, "to": 1.0, "count": 3, "log": True}}, {}, "log needs positive ends"),
         ({"plant.m": [1.0], "plant.J": [1.0, 2.0]}, {"method": "list"}, "equally many"),
-        ({"plant.m": {"from": 1.0, "to": 2.0}}, {"method": "sobol"}, "not a number of runs"),
+        ({"plant.m": {"from": 1.0, "to": 2.0}}, {"method": "sobol"}, "needs a number of runs"),
         ({"plant.position": [1.0]}, {}, "cannot be set"),
         ({}, {}, "none given"),
         ({"plant.m": [1.0]}, {"method": "sobel"}, "Did you mean 'sobol'"),
@@ -390,7 +390,7 @@ def test_fmus_that_cannot_be_loaded_end_the_sweep_with_a_sentence(
 def test_a_cluster_given_by_its_scheduler_does_the_runs(make: Callable[..., Sweep], tmp_path: Path) -> None:
     plan = make({"controller.K_P": GAINS})
     cluster = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address="127.0.0.1:0"
     )
     with cluster:
         outcome = sweep(plan, tmp_path / "data", scheduler=cluster.scheduler_address)
