@@ -105,7 +105,7 @@ def test_everything_wrong_is_said(make: Callable[..., Tuning], tmp_path: Path) -
         ({"objective": "swin", "metrics": METRICS}, "Did you mean 'swing'"),
         ({"limits": {"swin": 1.0}, "metrics": METRICS, "objective": "end"}, "Did you mean 'swing'"),
         ({"objective": None}, "objective: missing"),
-        ({"generations": 0}, "generations: 0 is not a count"),
+        ({"generations": 0}, "generations: must be greater than or equal to 1"),
         ({"parameters": {"controller.K_P": [1.0, 2.0]}}, "write { from"),
         ({"parameters": {"controller.K_P": {"from": -1.0, "to": 2.0}}}, "below its minimum"),
     ):

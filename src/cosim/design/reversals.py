@@ -33,7 +33,7 @@ class Axis:
     controller: str
     plant: str
     position: str = ""
-    """What follows the reference, ROLE.VARIABLE: an output of the plant, or an input of the controller; "": that of the names."""
+    """What follows the reference, plant.VARIABLE or controller.VARIABLE; "" for that of the names."""
     names: AxisNames = field(default_factory=axis_names)
 
     @classmethod
