@@ -17,6 +17,8 @@ lint: lint-tools
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 	$(BIN)/pyright --project tests/pyrightconfig.json
+	$(BIN)/clang-format --dry-run --Werror $$(find src/cosim/export tests benchmarks -name '*.[ch]')
+	$(BIN)/python -m tests.tidy
 
 fmus: build-tools
 	$(BIN)/python build_fmus.py

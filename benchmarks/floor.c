@@ -11,24 +11,28 @@
 #include "fmi2Functions.h"
 
 static void logger(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String m, ...) {
-    (void)e; (void)n; (void)s; (void)c; (void)m;
+    (void)e;
+    (void)n;
+    (void)s;
+    (void)c;
+    (void)m;
 }
 
-int main(int argc, char** argv) {
+int main(int argc, char **argv) {
     if (argc < 3) return 2;
-    void* library = dlopen(argv[1], RTLD_NOW);
+    void *library = dlopen(argv[1], RTLD_NOW);
     if (!library) return 3;
     const long steps = atol(argv[2]);
-    fmi2InstantiateTYPE* instantiate = (fmi2InstantiateTYPE*)dlsym(library, "fmi2Instantiate");
-    fmi2SetRealTYPE* set = (fmi2SetRealTYPE*)dlsym(library, "fmi2SetReal");
-    fmi2GetRealTYPE* get = (fmi2GetRealTYPE*)dlsym(library, "fmi2GetReal");
-    fmi2DoStepTYPE* step = (fmi2DoStepTYPE*)dlsym(library, "fmi2DoStep");
+    fmi2InstantiateTYPE *instantiate = (fmi2InstantiateTYPE *)dlsym(library, "fmi2Instantiate");
+    fmi2SetRealTYPE *set = (fmi2SetRealTYPE *)dlsym(library, "fmi2SetReal");
+    fmi2GetRealTYPE *get = (fmi2GetRealTYPE *)dlsym(library, "fmi2GetReal");
+    fmi2DoStepTYPE *step = (fmi2DoStepTYPE *)dlsym(library, "fmi2DoStep");
     fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
     fmi2Component a = instantiate("a", fmi2CoSimulation, "probe", "", &callbacks, fmi2False, fmi2False);
     fmi2Component b = instantiate("b", fmi2CoSimulation, "probe", "", &callbacks, fmi2False, fmi2False);
     const fmi2ValueReference u = 0, y = 1, y_start = 5;
     double ya = 1.0, yb = 0.0;
-    double* rows = malloc((size_t)(steps + 1) * 2 * sizeof(double));
+    double *rows = malloc((size_t)(steps + 1) * 2 * sizeof(double));
     set(a, &y_start, 1, &ya);
     struct timespec begin, end;
     clock_gettime(CLOCK_MONOTONIC, &begin);

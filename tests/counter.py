@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cosim.model import Controller, Record, variable
+from cosim.model import Controller, Record, exp, parameter, variable
 
 
 class Counter(Controller):
@@ -13,6 +13,8 @@ class Counter(Controller):
     Source: made for tests.
     """
 
+    log_scale: float = parameter(0.0, "1", "Logarithm of the factor of what is shown", variability="tunable")
+
     class State(Record):
         count: float = variable(0.0, "1", "Samples taken")
 
@@ -20,11 +22,11 @@ class Counter(Controller):
         step: float = variable(0.0, "1", "Number of the communication step")
 
     class Output(Record):
-        seen: float = variable(0.0, "1", "Input at the last sample")
+        seen: float = variable(0.0, "1", "Input at the last sample, times exp(log_scale)")
         samples: float = variable(0.0, "1", "Samples taken, the last one included")
 
     def output(self, t: float, x: Any, u: Any) -> Any:
-        return self.Output(seen=u.step, samples=x.count + 1.0)
+        return self.Output(seen=u.step * exp(self.log_scale), samples=x.count + 1.0)
 
     def update(self, t: float, x: Any, u: Any, y: Any) -> Any:
         return self.State(count=y.samples)

@@ -37,8 +37,8 @@ static bool events, early;
 
 static void *make(double T_s, double start) {
     const fmi3ValueReference reference = PARAMETER_T_S;
-    fmi3Instance c = fmi3InstantiateCoSimulation("counter", MODEL_GUID, NULL, false, false, events, early, NULL, 0, NULL,
-                                                 NULL, NULL);
+    fmi3Instance c = fmi3InstantiateCoSimulation("counter", MODEL_GUID, NULL, false, false, events, early, NULL, 0,
+                                                 NULL, NULL, NULL);
     fmi3SetFloat64(c, &reference, 1, &T_s, 1);
     fmi3EnterInitializationMode(c, false, 0.0, start, false, 0.0);
     fmi3ExitInitializationMode(c);
@@ -93,7 +93,8 @@ int main(int count, char **arguments) {
         double values[2];
         while (samples * q < (k + 1) * p) samples++, last = k; /* sample j is due at tick j*q, step k begins at k*p */
         if (strcmp(clock, "product") == 0) t = start + (double)k * h;
-        if (set_input(c, (double)k) != 0 || step_by(c, t, strcmp(clock, "difference") == 0 ? next - t : h, values) != 0) {
+        if (set_input(c, (double)k) != 0 ||
+            step_by(c, t, strcmp(clock, "difference") == 0 ? next - t : h, values) != 0) {
             printf("stopped at step %lld\n", k);
             return 1;
         }

@@ -38,8 +38,8 @@ static void kaps(double t, const double *x, const double *u, const double *p, co
 
 static void kaps_jacobian(double t, const double *x, const double *u, const double *p, const double *c,
                           double *jacobian, double *time_derivative) {
-    const double rows[9] = {-(p[0] + 2.0), 2.0 * p[0] * x[1], 0.0, 1.0, -1.0 - 2.0 * x[1], 0.0,
-                            sin(t) - x[2], 0.0, 2.0 * x[2] - x[0]};
+    const double rows[9] = {-(p[0] + 2.0), 2.0 * p[0] * x[1], 0.0, 1.0, -1.0 - 2.0 * x[1], 0.0, sin(t) - x[2],
+                            0.0,           2.0 * x[2] - x[0]};
     (void)u, (void)c;
     for (int i = 0; i < 9; i++) jacobian[i] = rows[i];
     time_derivative[0] = time_derivative[1] = 0.0;

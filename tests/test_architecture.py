@@ -31,12 +31,11 @@ ROOMS = (
     # From the bottom to the top: a room imports only rooms above it in this table, and of those only the named ones.
     Room("cosim.errors"),
     Room("cosim.files", ["cosim.errors"]),
-    Room("cosim.tables", ["cosim.errors", "cosim.files"], ["pydantic", "pydantic_core", "tomli_w"]),
     Room("cosim.units", ["cosim.errors"]),
     Room("cosim.model", ["cosim.errors", "cosim.units"]),
     Room("fmus", ["cosim.model"]),
-    Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml"]),
-    Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "numpy", "pythonfmu", "scipy"]),
+    Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml", "pydantic", "pydantic_core", "tomli_w"]),
+    Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.system", [*BASE, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
     Room("cosim.result", BASE, ["matplotlib", "numpy", "pandas", "pyarrow"]),
     Room(
@@ -49,15 +48,15 @@ ROOMS = (
         [*BASE, "cosim.fmu", "cosim.export", "cosim.system", "cosim.result"],
         ["fmpy", "lxml", "matplotlib", "numpy", "PIL", "scipy"],
     ),
-    Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL"]),
+    Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL", "scipy"]),
     Room(
         "cosim.design",
-        [*BASE, "cosim.tables", "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
+        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
         ["control", "distributed", "matplotlib", "numpy", "pyarrow", "pydantic", "scipy"],
     ),
     Room(
         "cosim.study",
-        [*BASE, "cosim.tables", "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
+        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
         ["jinja2", "markdown_it", "matplotlib", "numpy", "pydantic"],
     ),
     Room("cosim.commands", ["cosim", "fmus"], ["numpy", "rich"]),

@@ -190,7 +190,9 @@ def test_measured_positions_are_rounded_and_current_is_limited():
 @pytest.mark.parametrize(
     ("values", "text"),
     [
-        ({"F_S": 0.01}, "F_S is below F_C"),
+        ({"F_C": 0.0}, "F_C = 0 with F_S > 0"),
+        ({"guide_friction": True, "guide_F_S": 20.0}, "guide_F_C = 0 with guide_F_S > 0"),
+        ({"F_S_negative": 0.0}, r"F_S\*F_S_negative = 0 with F_C\*F_C_negative > 0"),
         ({"guide_F_S": 20.0}, "guide_friction is false"),
         ({"T_cm": 0.1}, "motor_friction is false"),
         ({"drift_amplitude": 0.1}, "drift_frequency"),
@@ -200,3 +202,15 @@ def test_measured_positions_are_rounded_and_current_is_limited():
 def test_contradicting_parameters_are_refused(values: dict[str, float], text: str):
     with pytest.raises(DescriptionError, match=text):
         CompliantBallscrew(**values)  # type: ignore[arg-type]
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-0.02, 0.02))
+def test_damping_of_both_contacts_falls_with_their_velocity(speed: float, velocity: float):
+    falling = CompliantBallscrew(**GUIDE, v_d=0.7, guide_v_d=5e-3)
+    same = CompliantBallscrew(
+        **{**GUIDE, "guide_sigma_1": 2e3 * math.exp(-((velocity / 5e-3) ** 2))},
+        sigma_1=0.072 * math.exp(-((speed / 0.7) ** 2)),
+    )
+    x = State(speed=speed, velocity=velocity, bristle=1e-3, guide_bristle=4e-7)
+    found, expected = falling.derivative(0.0, x, Input(command=0.1)), same.derivative(0.0, x, Input(command=0.1))
+    assert list(found) == pytest.approx(list(expected), rel=1e-9, abs=1e-9)

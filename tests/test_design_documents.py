@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from cosim.design.documents import MapData, SweepData, TuningData
 from cosim.design.stability import read_map
 from cosim.errors import DescriptionError
-from cosim.tables import checked, toml, write_start
+from cosim.fmu.tables import checked, toml, write_start
 
 ROOT = Path(__file__).parents[1]
 SCHEMAS = runpy.run_path(str(ROOT / "docs" / "schemas" / "write.py"))

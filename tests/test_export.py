@@ -284,3 +284,21 @@ def test_array_is_of_reals_whatever_its_numbers(native: Path) -> None:
     """A whole number among the start values of an array makes no Integer of that element."""
     variables = fmpy.read_model_description(native / "NctfPi.fmu").modelVariables
     assert {v.type for v in variables if v.name.startswith("nct.")} == {"Real"}
+
+
+def test_a_damaged_binary_in_the_cache_is_compiled_again(tmp_path: Path) -> None:
+    """Any bit: at the beginning, in the middle, at the end; or cut off."""
+    from cosim.export.compile import compile_binary, host_platform
+
+    sources = {"model.c": b"int answer(void) { return 42; }\n"}
+    good = compile_binary(sources, host_platform(), tmp_path)
+    (kept,) = (tmp_path / "binaries").iterdir()
+    whole = kept.read_bytes()
+    for position in (0, 40, len(whole) // 2, len(whole) - 1):
+        damaged = bytearray(whole)
+        damaged[position] ^= 4
+        kept.write_bytes(damaged)
+        assert compile_binary(sources, host_platform(), tmp_path) == good
+        assert kept.read_bytes() == whole
+    kept.write_bytes(whole[:-100])
+    assert compile_binary(sources, host_platform(), tmp_path) == good

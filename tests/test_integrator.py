@@ -19,6 +19,7 @@ from scipy.linalg import expm
 from stage_loops import traces
 
 from cosim.export.compile import FLAGS, RUNTIME
+from cosim.export.python import integrator
 
 PROBLEMS = Path(__file__).with_name("integrator_problems.c")
 LINEAR, KAPS, BLOW_UP, DOMAIN = range(4)
@@ -90,6 +91,16 @@ def test_coefficients_are_those_of_the_order_conditions() -> None:
     for name, values in expected.items():
         assert found[name] == [float(value) for value in values], name
     assert f"gamma = {float(GAMMA)}, node = {float(NODE)};" in text
+
+
+def test_python_flavour_has_the_same_coefficients() -> None:
+    known = {name: tuple(float(value) for value in values) for name, values in coefficients().items()}
+    assert (float(GAMMA), float(NODE)) == (integrator.GAMMA, integrator.NODE)
+    for name, values in known.items():
+        assert getattr(integrator, name.upper()) == values, name
+    text = (RUNTIME / "integrator.c").read_text()
+    assert (integrator.LINEAR_ERROR, integrator.REMAINDER_ERROR) == (0.625, 1.0 / 32.0)
+    assert "linear_error = 0.625, remainder_error = 1.0 / 32.0;" in text
 
 
 def kaps_error(library: ctypes.CDLL, mu: float, steps: int) -> float:

@@ -122,7 +122,15 @@ def test_every_fmu_meets_its_references(flavour: str, request: pytest.FixtureReq
         )
 
 
-@pytest.mark.parametrize("name", [name for name in COMPONENTS if issubclass(WORKSPACE.component(name), Plant)])
+NEEDS_EVERY_STEP = ("BallscrewStageMaxwellSlip",)
+"""Plants whose discrete states act on the motion: FMPy's CVode calls completedIntegratorStep at communication points
+only, and not after each of its steps as FMI asks. test_model_exchange.py drives these itself."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name for name in COMPONENTS if issubclass(WORKSPACE.component(name), Plant) and name not in NEEDS_EVERY_STEP],
+)
 def test_plants_meet_them_as_model_exchange_too(native: Path, name: str) -> None:
     report = verify(native / f"{name}.fmu", interface="me")
     assert (report.code, report.interface) == (0, "me"), report.outcomes

@@ -370,3 +370,15 @@ def test_one_step_may_not_jump_over_the_stop_time(request: pytest.FixtureRequest
         fmu.fmu.enterInitializationMode()
         fmu.fmu.exitInitializationMode()
         assert fmu.step_status(0.0, 0.01001) == ERROR
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_step_to_an_output_that_overflows_is_discarded(request: pytest.FixtureRequest, flavour: str) -> None:
+    """A step of 1e308 m with 1e308 m added, after 2.5 ms: finite before, beyond the range of doubles then."""
+    with Instance(request.getfixturevalue(flavour) / "Trajectory.fmu") as fmu:
+        fmu.initialize({"kind": 1, "amplitude": 1e308, "offset": 1e308, "start_time": 2.5e-3, "dwell": 1.0})
+        fmu.step(0.0, 1e-3)
+        fmu.step(1e-3, 1e-3)
+        assert fmu.step_status(2e-3, 1e-3) == DISCARD
+        assert "fmi2DoStep: position is not finite at t = 0.003" in fmu.messages[-1]
+        assert fmu.fmu.getRealStatus(2) == 2e-3

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, WORKSPACE
+from conftest import WORKSPACE
 from counter import Counter
 from counting import STEPS, T_S, program, run
 from instances import OK, Instance
@@ -73,12 +74,8 @@ def test_fmi3_early_return_meets_every_instant(counting: Run, p: int, q: int, st
 @pytest.fixture(scope="module", params=["native", "python"])
 def counter(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The counter as FMU of both flavours."""
-    folder = tmp_path_factory.mktemp(request.param)
-    if request.param == "native":
-        return build(Counter, folder, WORKSPACE.cache)
-    root = tmp_path_factory.mktemp("root")
-    (root / "counter.py").write_text((ROOT / "tests" / "counter.py").read_text())
-    return build_python(Counter, folder, WORKSPACE.cache, root=root)
+    make = build if request.param == "native" else build_python
+    return make(Counter, tmp_path_factory.mktemp(request.param), WORKSPACE.cache)
 
 
 def expected(steps: list[Fraction]) -> list[tuple[float, float]]:
@@ -172,3 +169,16 @@ def test_too_many_samples_are_refused_at_once(counter: Path) -> None:
         assert fmu.step_status(0.0, 10.0) != OK
         text = "holds 1e+10 samples of T_s = 1e-09 s, but one step may hold 10000000. Take shorter steps"
         assert text in fmu.messages[-1]
+
+
+def test_tunable_parameter_renews_what_is_derived_from_it(counter: Path) -> None:
+    """exp(log_scale) is computed once for each value, not at each sample."""
+    with Instance(counter) as fmu:
+        fmu.initialize({"T_s": 1e-3})
+        fmu.set({"step": 5.0})
+        shown: list[float] = []
+        for k in range(4):
+            fmu.set({"log_scale": float(k // 2)})
+            fmu.step(k * 1e-3, 1e-3)
+            shown += fmu.get(["seen"])
+    assert shown == pytest.approx([5.0, 5.0, 5.0 * math.e, 5.0 * math.e])

@@ -238,3 +238,19 @@ def test_saturation_and_its_hold(command: float, limit: float, push: float):
     realised = saturate(command, limit)
     assert winds_up(realised, limit, push) == (abs(command) >= limit and command * push > 0.0)
     assert not winds_up(command, 0.0, push)
+
+
+@given(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
+def test_damping_of_the_friction_model_falls_with_its_velocity(before: float, now: float):
+    """Two samples of a changing reference: only sigma_1_hat differs, by exp(-(v/v_d_hat)^2)."""
+    falling, plain = SlidingMode(v_d_hat=0.01), SlidingMode()
+    share = math.exp(-((now / 0.01) ** 2))
+    same = SlidingMode(sigma_1_hat=share * plain.sigma_1_hat)
+    l_p = plain.l_p
+
+    def second(controller: SlidingMode) -> float:
+        x, u = controller.initial(), controller.Input(velocity_ref=before * l_p)
+        x = controller.update(0.0, x, u, controller.output(0.0, x, u))
+        return controller.friction_hat(x, controller.Input(velocity_ref=now * l_p))
+
+    assert second(falling) == pytest.approx(second(same), rel=1e-9, abs=1e-9)

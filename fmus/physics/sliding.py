@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.model import Choice, Controller, Record, clip, parameter, sign, variable, where
-from fmus.physics.lugre import friction, friction_level, observer_step
+from fmus.physics.lugre import bristle_damping, friction, friction_level, observer_step
 from fmus.physics.sampling import VelocitySource, measured_velocity, winds_up
 
 
@@ -31,7 +31,7 @@ class SlidingController(Controller):
 
         G            = F_C_hat + (F_S_hat - F_C_hat)*exp(-(v/v_s_hat)^2)
         z[k]         = (z[k-1] + T_s*v)/(1 + T_s*abs(v)*sigma_0_hat/G),  z[-1] = sign(v)*G/sigma_0_hat
-        friction_hat = sigma_0_hat*z[k] + sigma_1_hat*(z[k] - z[k-1])/T_s + sigma_2_hat*v
+        friction_hat = sigma_0_hat*z[k] + sigma_1_hat*exp(-(v/v_d_hat)^2)*(z[k] - z[k-1])/T_s + sigma_2_hat*v
         bound        = G + sigma_2_tilde*abs(v)
 
     Without friction model friction_hat is 0; the bound goes with the measured velocity.
@@ -44,8 +44,11 @@ class SlidingController(Controller):
     sigma_1_hat: float = parameter(632.4555320336759, "N.m.s/rad", "Damping of the bristles", min=0.0, nominal=100.0)
     sigma_2_hat: float = parameter(1.2, "N.m.s/rad", "Viscous friction", min=0.0)
     F_C_hat: float = parameter(6.24, "N.m", "Coulomb friction", min=1e-12)
-    F_S_hat: float = parameter(9.36, "N.m", "Static friction", min=1e-12)
+    F_S_hat: float = parameter(9.36, "N.m", "Static friction; below F_C_hat where it rises with speed", min=1e-12)
     v_s_hat: float = parameter(5e-3, "rad/s", "Stribeck speed", min=1e-12, nominal=1e-3)
+    v_d_hat: float = parameter(
+        0.0, "rad/s", "Speed over which the damping of the bristles falls (0 = constant)", min=0.0, nominal=1e-2
+    )
     friction_velocity: FrictionVelocity = parameter(
         FrictionVelocity.reference, "1", "Velocity that drives the friction model"
     )
@@ -99,12 +102,13 @@ class SlidingController(Controller):
         if self.friction_velocity is FrictionVelocity.none:
             return 0.0
         last, z = self.bristles(x, u)
+        v = self.friction_speed(x, u)
         return friction(
             z,
             (z - last) / self.T_s,
-            self.friction_speed(x, u),
+            v,
             sigma_0=self.sigma_0_hat,
-            sigma_1=self.sigma_1_hat,
+            sigma_1=bristle_damping(v, self.sigma_1_hat, self.v_d_hat),
             sigma_2=self.sigma_2_hat,
         )
 

@@ -19,10 +19,9 @@ from cosim.model import (
     variable,
     where,
 )
-from fmus.physics.lugre import bristle_rate, friction, friction_level, steady_bristle
+from fmus.physics.ballscrew import TWO_PI, contact_rules, drift_rule
+from fmus.physics.lugre import bristle_damping, bristle_rate, friction, friction_level, steady_bristle
 from fmus.physics.sampling import saturate
-
-TWO_PI = 6.283185307179586
 
 
 class CompliantBallscrew(Plant):
@@ -33,6 +32,8 @@ class CompliantBallscrew(Plant):
         der(position) = velocity
         m*der(velocity) = nut_force - guide_force - load_force
         friction_torque = LuGre(speed) + T_cm*tanh(speed/omega_cm),   guide_force = LuGre(velocity)
+        LuGre(v) = sigma_0*z + sigma_1*exp(-(v/v_d)^2)*der(z) + sigma_2*v      sigma_1 constant where v_d = 0
+        der(z) = v - sigma_0*abs(v)*z/level,   level = F_C + (F_S - F_C)*exp(-(v/v_s)^2)
         d = l_p*angle - position
         without backlash: nut_force = K_n*d + C_n*der(d)
         with backlash:    nut_force = max(0, K_n*(d - gap_plus) + C_n*der(d))    where d > gap_plus
@@ -50,13 +51,18 @@ class CompliantBallscrew(Plant):
     Resolutions round the measured positions only. Valid for motion without end stops and for a current loop much
     faster than the nut mode; back-EMF and voltage limit are left out.
 
+    Valid limits of LuGre friction: passive for sure only where sigma_1*abs(speed) < 4*level, which with constant
+    sigma_1 and the start values ends at 2.6 rad/s = 0.81 mm/s; v_d = 1 rad/s cures it. Under a load that oscillates
+    below break-away the stage drifts (270 nm a cycle under 0.02 +- 0.01 N.m at 50 Hz); minor loops do not close.
+
     Start values: the stage of Maeda & Sato with LuGre friction in place of its stick rule; sigma_0 and sigma_1 are
     not in the paper (sigma_1 gives its practical stability limit).
 
     Source: Maeda & Sato, Practical control method for ultra-precision positioning using a ballscrew mechanism,
     Precision Engineering 32, 2008, table 1 and fig. 2; Shams & Safdari, Motion Control (IntechOpen), 2010, sec.
     2.1 (backlash); Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical
-    Problems in Engineering 2015 (axis of two masses with motor friction); Canudas de Wit et al. 1995 (LuGre).
+    Problems in Engineering 2015 (axis of two masses with motor friction); Canudas de Wit et al. 1995 (LuGre); Olsson,
+    Control systems with friction, thesis, Lund, 1996 (v_d).
     """
 
     K_m: float = parameter(0.172, "N.m/A", "Torque constant of the motor", min=0.0, nominal=0.1)
@@ -73,6 +79,9 @@ class CompliantBallscrew(Plant):
     F_C: float = parameter(0.046, "N.m", "Coulomb friction at the screw", min=0.0)
     F_S: float = parameter(0.046, "N.m", "Static friction at the screw", min=0.0)
     v_s: float = parameter(1.0, "rad/s", "Stribeck speed at the screw", min=1e-9)
+    v_d: float = parameter(
+        0.0, "rad/s", "Speed over which the bristle damping at the screw falls, 0 for constant", min=0.0
+    )
     motor_friction: bool = parameter(False, "1", "Smoothed Coulomb friction of the motor")
     T_cm: float = parameter(0.0, "N.m", "Coulomb friction of the motor", min=0.0)
     omega_cm: float = parameter(0.1, "rad/s", "Speed over which the motor friction changes sign", min=1e-9)
@@ -84,6 +93,9 @@ class CompliantBallscrew(Plant):
     guide_F_C: float = parameter(0.0, "N", "Coulomb friction at the guide", min=0.0)
     guide_F_S: float = parameter(0.0, "N", "Static friction at the guide", min=0.0)
     guide_v_s: float = parameter(2e-3, "m/s", "Stribeck velocity at the guide", min=1e-12, nominal=1e-3)
+    guide_v_d: float = parameter(
+        0.0, "m/s", "Velocity over which the bristle damping at the guide falls, 0 for constant", min=0.0, nominal=1e-3
+    )
 
     friction_scale: float = parameter(1.0, "1", "Factor of F_C and F_S", min=0.0, variability="tunable")
     F_C_negative: float = parameter(1.0, "1", "Factor of F_C for negative velocity", min=0.0)
@@ -140,15 +152,9 @@ class CompliantBallscrew(Plant):
         current: float = variable(0.0, "A", "Motor current")
 
     def rules(self) -> tuple[Rule, ...]:
-        below = "{0}F_S is below {0}F_C. Static friction is at least Coulomb friction."
         return (
-            Rule(self.F_S >= self.F_C, below.format("")),
-            Rule(self.guide_F_S >= self.guide_F_C, below.format("guide_")),
-            Rule(self.F_S * self.F_S_negative >= self.F_C * self.F_C_negative, below.format("negative ")),
-            Rule(
-                self.guide_F_S * self.F_S_negative >= self.guide_F_C * self.F_C_negative,
-                below.format("negative guide_"),
-            ),
+            *contact_rules("", self.F_C, self.F_S, self.F_C_negative, self.F_S_negative),
+            *contact_rules("guide_", self.guide_F_C, self.guide_F_S, self.F_C_negative, self.F_S_negative),
             Rule(
                 either(self.guide_friction, self.guide_F_S <= 0.0),
                 "guide_F_S is given but guide_friction is false. Set it true.",
@@ -156,10 +162,7 @@ class CompliantBallscrew(Plant):
             Rule(
                 either(self.motor_friction, self.T_cm <= 0.0), "T_cm is given but motor_friction is false. Set it true."
             ),
-            Rule(
-                either(self.drift_amplitude <= 0.0, self.drift_frequency > 0.0),
-                "drift_amplitude needs a drift_frequency. Set it above 0.",
-            ),
+            drift_rule(self.drift_amplitude, self.drift_frequency),
         )
 
     def initial(self) -> State:
@@ -178,8 +181,8 @@ class CompliantBallscrew(Plant):
         drift = 1.0 + self.drift_amplitude * sin(TWO_PI * self.drift_frequency * t)
         level = friction_level(
             speed,
-            F_C * where(speed < 0.0, self.F_C_negative, 1.0),
-            F_S * where(speed < 0.0, self.F_S_negative, 1.0),
+            where(speed < 0.0, F_C * self.F_C_negative, F_C),
+            where(speed < 0.0, F_S * self.F_S_negative, F_S),
             v_s,
         )
         return self.friction_scale * drift * level
@@ -200,12 +203,12 @@ class CompliantBallscrew(Plant):
             rate,
             x.speed,
             sigma_0=self.sigma_0,
-            sigma_1=self.sigma_1,
-            sigma_2=self.sigma_2 * where(x.speed < 0.0, self.sigma_2_negative, 1.0),
+            sigma_1=bristle_damping(x.speed, self.sigma_1, self.v_d),
+            sigma_2=where(x.speed < 0.0, self.sigma_2 * self.sigma_2_negative, self.sigma_2),
         )
         if self.motor_friction:
             torque = torque + self.T_cm * tanh(x.speed / self.omega_cm)
-        guide_sigma_2 = self.guide_sigma_2 * where(x.velocity < 0.0, self.sigma_2_negative, 1.0)
+        guide_sigma_2 = where(x.velocity < 0.0, self.guide_sigma_2 * self.sigma_2_negative, self.guide_sigma_2)
         if not self.guide_friction:
             return rate, torque, 0.0, guide_sigma_2 * x.velocity
         guide_rate = bristle_rate(x.guide_bristle, x.velocity, self.guide_level(t, x.velocity), self.guide_sigma_0)
@@ -214,7 +217,7 @@ class CompliantBallscrew(Plant):
             guide_rate,
             x.velocity,
             sigma_0=self.guide_sigma_0,
-            sigma_1=self.guide_sigma_1,
+            sigma_1=bristle_damping(x.velocity, self.guide_sigma_1, self.guide_v_d),
             sigma_2=guide_sigma_2,
         )
         return rate, torque, guide_rate, force

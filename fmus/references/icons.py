@@ -122,6 +122,36 @@ def ballscrew_stage(axes: Axes) -> None:
     arrow(axes, (36, 78), (82, 78))
 
 
+def ballscrew_stage_elasto_plastic(axes: Axes) -> None:
+    """The stage with a bristle that bends, then slips."""
+    ballscrew_stage(axes)
+    box(axes, 2, 70, 96, 28, WHITE, WHITE)
+    line(axes, (24, 24), (68, 96), STEEL, 1.5)
+    line(axes, (20, 84), (70, 70), STEEL, 1.5)
+    x = np.linspace(0.0, 1.0, 40)
+    rise = np.where(x < 0.35, 2.0 * x, 0.7 + 0.3 * np.tanh((x - 0.35) / 0.15))
+    line(axes, 24 + 56 * x, 70 + 22 * rise, ORANGE, 4.0)
+
+
+def ballscrew_stage_maxwell_slip(axes: Axes) -> None:
+    """The stage with a closed loop of friction over position."""
+    ballscrew_stage(axes)
+    box(axes, 2, 68, 96, 30, WHITE, WHITE)
+    up = ((24, 70), (34, 84), (46, 92), (76, 97))
+    down = ((76, 97), (66, 83), (54, 75), (24, 70))
+    for path in (up, down):
+        line(axes, [x for x, _ in path], [y for _, y in path], ORANGE, 4.0)
+
+
+def ballscrew_axis(axes: Axes) -> None:
+    """The stage with a ripple over its travel and an encoder scale."""
+    ballscrew_stage(axes)
+    for x in np.arange(10.0, 92.0, 5.0):
+        line(axes, (x, x), (6, 10), STEEL, 1.8)
+    x = np.linspace(12.0, 90.0, 120)
+    line(axes, x, 90 + 4 * np.sin(0.5 * x) + 1.5 * np.sin(1.0 * x), ORANGE, 2.5)
+
+
 def compliant_ballscrew(axes: Axes) -> None:
     """Two inertias, a spring between them."""
     ground(axes, 18)
@@ -326,6 +356,9 @@ def milling_force(axes: Axes) -> None:
 
 ICONS: dict[str, Callable[[Axes], None]] = {
     "BallscrewStage": ballscrew_stage,
+    "BallscrewStageElastoPlastic": ballscrew_stage_elasto_plastic,
+    "BallscrewStageMaxwellSlip": ballscrew_stage_maxwell_slip,
+    "BallscrewAxis": ballscrew_axis,
     "CompliantBallscrew": compliant_ballscrew,
     "LinearMotor": linear_motor,
     "NominalStage": nominal_stage,

@@ -110,10 +110,15 @@ def write_file(path: Path, content: bytes | str) -> Path:
     return path
 
 
+def check_no_folder(path: Path) -> None:
+    """Raise DescriptionError if ``path`` is a folder."""
+    if os.path.isdir(path):
+        raise DescriptionError(f"{path} is a folder. Name a file.")
+
+
 def check_writable(path: Path) -> None:
     """Raise DescriptionError unless a file ``path`` can be made now; folders that are missing would be made."""
-    if path.is_dir():
-        raise DescriptionError(f"{path} is a folder. Name a file.")
+    check_no_folder(path)
     made: list[Path] = []
     try:
         target = path.resolve()

@@ -283,8 +283,9 @@ class Component:
 class Plant(Component):
     """A continuous-time component: ``derivative`` is integrated, inputs are held over a communication step."""
 
-    tolerance: float = parameter(5e-9, "1", "Relative tolerance of the integrator", min=1e-12, max=1e-2, nominal=1e-9)
-    """Its start value keeps the closed loops of the studies within 1 nm of independent solvers."""
+    tolerance: float = parameter(5e-9, "1", "Relative tolerance of the integrator", min=1e-12, max=1e-3, nominal=1e-9)
+    """Its start value keeps the closed loops of the studies within 1 nm of independent solvers; above its maximum the
+    step size control cannot follow a break-away."""
 
     def derivative(self, t: float, x: Any, u: Any) -> Any:
         """Time derivatives as a ``State``; discrete members are ignored."""

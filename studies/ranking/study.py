@@ -19,6 +19,7 @@ from cosim.result.metrics import Array
 from cosim.result.result import Result
 from cosim.study import Numbers, Outcomes, Picture, Run, Value, read_study
 from cosim.study.pictures import Signals, over_time
+from cosim.study.report import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -289,7 +290,7 @@ def tables(outcomes: Outcomes) -> str:
                 for m in columns(p)
             ]
             rows = [
-                [f"{factor * figure(outcomes, name, c, p, m, reference):.3g}" for p in PLANTS for m in columns(p)]
+                [number(factor * figure(outcomes, name, c, p, m, reference)) for p in PLANTS for m in columns(p)]
                 for c in CONTROLLERS
             ]
             lines = [f"| {title} | {' | '.join(row)} |" for title, row in zip(CONTROLLERS.values(), rows, strict=True)]

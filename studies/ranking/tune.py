@@ -202,7 +202,8 @@ def columns(plant: Plant) -> tuple[bool, ...]:
 def starts(controller: ModuleType, plant: Plant, gains: Gains, model: bool) -> dict[str, Start]:
     """Start values that depend on the gains and on the column, by instance."""
     measured = {"T_s": T_S, "velocity_source": "difference", "velocity_filter_time": FILTER}
-    found = {"controller": {**measured, **controller.start(plant, gains, model)}}
+    own = getattr(controller, "OWN_START", False)
+    found = {"controller": {**({} if own else measured), **controller.start(plant, gains, model)}}
     for name, (_, start, _) in extras(controller, plant, gains, model).items():
         found[name] = {**measured, **start}
     if plant.F_S > 0.0 and not getattr(controller, "OWN_MODEL", False):
@@ -278,7 +279,7 @@ def cost(system: dict[str, Any], plant: Plant) -> float:
     """
     late = {**system, "experiment": {**system["experiment"], "order": "parallel", "stop_time": 2.0}}
     try:
-        result = simulate(make_system(late, folder=HERE, fmus=FMUS))
+        result = simulate(make_system(late, folder=HERE / "systems", fmus=FMUS))
     except CosimError:
         return math.inf
     part = metrics.window(result.time, 0.6)

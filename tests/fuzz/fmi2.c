@@ -4,7 +4,8 @@
 static void take(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
                  fmi2String message, ...) {
     (void)environment;
-    if (!name || status < fmi2Warning || status > fmi2Error || !category || strlen(message) < 10 || strchr(message, '%'))
+    if (!name || status < fmi2Warning || status > fmi2Error || !category || strlen(message) < 10 ||
+        strchr(message, '%'))
         abort();
 }
 
@@ -41,41 +42,70 @@ static fmi2Status call(fmi2Component c, fmi2FMUstate *saved, double *time) {
         flags[i] = pick(2) == 0;
     }
     switch (pick(32)) {
-    case 0: return fmi2SetupExperiment(c, flags[0], number(), pick(4) ? 0.0 : number(), pick(5) == 0, number());
-    case 1: return fmi2EnterInitializationMode(c);
-    case 2: return fmi2ExitInitializationMode(c);
-    case 3:
-    case 4:
-    case 5:
-        status = fmi2DoStep(c, from, step, fmi2True);
-        if (status == fmi2OK) *time = from + step;
-        return status;
-    case 6: return fmi2GetReal(c, r, n, pick(30) ? reals : NULL);
-    case 7:
-    case 8: return fmi2SetReal(c, pick(30) ? r : NULL, n, reals);
-    case 9: return fmi2SetInteger(c, r, n, whole);
-    case 10: return fmi2SetBoolean(c, r, n, flags);
-    case 11: return fmi2GetInteger(c, r, n, whole);
-    case 12: return fmi2GetFMUstate(c, pick(20) ? saved : NULL);
-    case 13: return fmi2SetFMUstate(c, *saved);
-    case 14: return fmi2FreeFMUstate(c, saved);
-    case 15: return fmi2EnterEventMode(c);
-    case 16: return fmi2NewDiscreteStates(c, pick(20) ? &info : NULL);
-    case 17: return fmi2Terminate(c);
-    case 18: *time = 0.0; return fmi2Reset(c);
-    case 19: return fmi2GetDirectionalDerivative(c, r, n, r + 1, n / 2, reals, reals + 10);
-    case 20: return fmi2EnterContinuousTimeMode(c);
-    case 21: return fmi2SetContinuousStates(c, reals, pick(2) ? N_CONTINUOUS : n);
-    case 22: return fmi2GetDerivatives(c, reals, pick(2) ? N_CONTINUOUS : n);
-    case 23: return fmi2CompletedIntegratorStep(c, fmi2True, &flag, pick(9) ? &other : NULL);
-    case 24: return fmi2SetTime(c, number());
-    case 25: return fmi2SetDebugLogging(c, flags[1], pick(4), pick(5) ? names : NULL);
-    case 26: return fmi2GetNominalsOfContinuousStates(c, reals, N_CONTINUOUS);
-    case 27: return *saved ? serialize(c, *saved) : fmi2OK;
-    case 28: return fmi2GetRealStatus(c, (fmi2StatusKind)pick(4), pick(9) ? reals : NULL);
-    case 29: return fmi2SetRealInputDerivatives(c, r, n, whole, reals);
-    case 30: return fmi2GetEventIndicators(c, reals, n);
-    default: return fmi2GetContinuousStates(c, reals, N_CONTINUOUS);
+        case 0:
+            return fmi2SetupExperiment(c, flags[0], number(), pick(4) ? 0.0 : number(), pick(5) == 0, number());
+        case 1:
+            return fmi2EnterInitializationMode(c);
+        case 2:
+            return fmi2ExitInitializationMode(c);
+        case 3:
+        case 4:
+        case 5:
+            status = fmi2DoStep(c, from, step, fmi2True);
+            if (status == fmi2OK) *time = from + step;
+            return status;
+        case 6:
+            return fmi2GetReal(c, r, n, pick(30) ? reals : NULL);
+        case 7:
+        case 8:
+            return fmi2SetReal(c, pick(30) ? r : NULL, n, reals);
+        case 9:
+            return fmi2SetInteger(c, r, n, whole);
+        case 10:
+            return fmi2SetBoolean(c, r, n, flags);
+        case 11:
+            return fmi2GetInteger(c, r, n, whole);
+        case 12:
+            return fmi2GetFMUstate(c, pick(20) ? saved : NULL);
+        case 13:
+            return fmi2SetFMUstate(c, *saved);
+        case 14:
+            return fmi2FreeFMUstate(c, saved);
+        case 15:
+            return fmi2EnterEventMode(c);
+        case 16:
+            return fmi2NewDiscreteStates(c, pick(20) ? &info : NULL);
+        case 17:
+            return fmi2Terminate(c);
+        case 18:
+            *time = 0.0;
+            return fmi2Reset(c);
+        case 19:
+            return fmi2GetDirectionalDerivative(c, r, n, r + 1, n / 2, reals, reals + 10);
+        case 20:
+            return fmi2EnterContinuousTimeMode(c);
+        case 21:
+            return fmi2SetContinuousStates(c, reals, pick(2) ? N_CONTINUOUS : n);
+        case 22:
+            return fmi2GetDerivatives(c, reals, pick(2) ? N_CONTINUOUS : n);
+        case 23:
+            return fmi2CompletedIntegratorStep(c, fmi2True, &flag, pick(9) ? &other : NULL);
+        case 24:
+            return fmi2SetTime(c, number());
+        case 25:
+            return fmi2SetDebugLogging(c, flags[1], pick(4), pick(5) ? names : NULL);
+        case 26:
+            return fmi2GetNominalsOfContinuousStates(c, reals, N_CONTINUOUS);
+        case 27:
+            return *saved ? serialize(c, *saved) : fmi2OK;
+        case 28:
+            return fmi2GetRealStatus(c, (fmi2StatusKind)pick(4), pick(9) ? reals : NULL);
+        case 29:
+            return fmi2SetRealInputDerivatives(c, r, n, whole, reals);
+        case 30:
+            return fmi2GetEventIndicators(c, reals, n);
+        default:
+            return fmi2GetContinuousStates(c, reals, N_CONTINUOUS);
     }
 }
 

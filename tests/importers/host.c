@@ -18,8 +18,8 @@ static void *symbol(void *library, const char *name) { return dlsym(library, nam
 
 typedef fmi2Status (*Plain)(fmi2Component);
 
-static void log_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status, fmi2String category,
-                        fmi2String message, ...) {
+static void log_message(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
+                        fmi2String category, fmi2String message, ...) {
     (void)environment;
     fprintf(stderr, "%s, status %d, %s: %s\n", instance, (int)status, category, message);
 }
@@ -51,11 +51,12 @@ int main(int count, char **arguments) {
         fprintf(stderr, "cannot load the library\n");
         return 2;
     }
-    fmi2Component (*instantiate)(fmi2String, fmi2Type, fmi2String, fmi2String, const fmi2CallbackFunctions *, fmi2Boolean,
-                                 fmi2Boolean) = find(library, "fmi2Instantiate");
+    fmi2Component (*instantiate)(fmi2String, fmi2Type, fmi2String, fmi2String, const fmi2CallbackFunctions *,
+                                 fmi2Boolean, fmi2Boolean) = find(library, "fmi2Instantiate");
     fmi2Status (*setup)(fmi2Component, fmi2Boolean, fmi2Real, fmi2Real, fmi2Boolean, fmi2Real) =
         find(library, "fmi2SetupExperiment");
-    fmi2Status (*set)(fmi2Component, const fmi2ValueReference *, size_t, const fmi2Real *) = find(library, "fmi2SetReal");
+    fmi2Status (*set)(fmi2Component, const fmi2ValueReference *, size_t, const fmi2Real *) =
+        find(library, "fmi2SetReal");
     fmi2Status (*get)(fmi2Component, const fmi2ValueReference *, size_t, fmi2Real *) = find(library, "fmi2GetReal");
     fmi2Status (*step)(fmi2Component, fmi2Real, fmi2Real, fmi2Boolean) = find(library, "fmi2DoStep");
     void (*release)(fmi2Component) = find(library, "fmi2FreeInstance");

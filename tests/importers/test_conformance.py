@@ -10,6 +10,7 @@ from pathlib import Path
 from platform import machine
 
 import pytest
+from conftest import WORKSPACE
 
 from . import conform
 from .cases import MULTIPLES, Case, compare, fmu_case, multiple_case, system_case
@@ -65,14 +66,14 @@ def cases(native: Path) -> list[Case]:
 def test_native_fmus_run_as_in_cosim(cases: list[Case], importer: str) -> None:
     outcome = run(importer, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == outcome.traces == len(cases) == 16
+    assert outcome.runs == outcome.traces == len(cases) == len(WORKSPACE.components())
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
 def test_checkers_report_nothing(cases: list[Case], checker: str) -> None:
     outcome = run(checker, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == 16
+    assert outcome.runs == len(cases) == len(WORKSPACE.components())
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
@@ -133,7 +134,7 @@ def test_python_fmus_run_in_fmpy_as_in_cosim(python: Path) -> None:
     cases = [fmu_case(path, 20) for path in sorted(python.glob("*.fmu"))]
     outcome = run("fmpy.simulate_fmu", cases, sys.executable, "python", tolerance=PYTHON_TOLERANCE)
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == 16
+    assert outcome.runs == len(cases) == len(WORKSPACE.components())
 
 
 def test_plants_run_in_fmpy_as_model_exchange(cases: list[Case]) -> None:

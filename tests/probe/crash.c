@@ -6,6 +6,9 @@
 #undef fmi2DoStep
 
 FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean no_set) {
-    (void)c; (void)t; (void)h; (void)no_set;
+    (void)c;
+    (void)t;
+    (void)h;
+    (void)no_set;
     abort();
 }

@@ -20,7 +20,7 @@
 #undef fmi2EnterInitializationMode
 #undef fmi2FreeInstance
 
-static volatile int* volatile nowhere = 0;
+static volatile int *volatile nowhere = 0;
 static volatile int counter;
 
 static void hang(void) {
@@ -33,7 +33,7 @@ static int overflow(int depth) {
     return overflow(depth + 1) + large[0];
 }
 
-static void* tick(void* nothing) {
+static void *tick(void *nothing) {
     for (;;) {
         usleep(1000);
         counter++;
@@ -41,23 +41,23 @@ static void* tick(void* nothing) {
     return nothing;
 }
 
-static void* leave(void* nothing) {
+static void *leave(void *nothing) {
     usleep(1000);
     exit(5);
     return nothing;
 }
 
-static void start(void* (*run)(void*)) {
+static void start(void *(*run)(void *)) {
     pthread_t thread;
     pthread_create(&thread, NULL, run, NULL);
 }
 
-static void log_text(Probe* p, fmi2Status status, const char* text) {
+static void log_text(Probe *p, fmi2Status status, const char *text) {
     p->callbacks.logger(p->callbacks.componentEnvironment, p->name, status, "logStatusWarning", text);
 }
 
-static void misbehave(Probe* p) {
-    const char* how = p->label;
+static void misbehave(Probe *p) {
+    const char *how = p->label;
     if (!strcmp(how, "segv")) *nowhere = 1;
     if (!strcmp(how, "abort")) abort();
     if (!strcmp(how, "stack")) counter = overflow(0);
@@ -99,7 +99,7 @@ static void misbehave(Probe* p) {
     }
     if (!strcmp(how, "huge")) {
         const size_t length = (size_t)10 << 20;
-        char* text = malloc(length + 1);
+        char *text = malloc(length + 1);
         memset(text, 'm', length);
         text[length] = 0;
         log_text(p, fmi2Warning, text);
@@ -109,7 +109,7 @@ static void misbehave(Probe* p) {
 }
 
 FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
-    Probe* p = c;
+    Probe *p = c;
     if (!strcmp(p->label, "segv in initialization")) *nowhere = 1;
     if (!strcmp(p->label, "hang in initialization")) hang();
     if (!strcmp(p->label, "thread")) start(tick);
@@ -118,7 +118,7 @@ FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 }
 
 FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean no_set) {
-    Probe* p = c;
+    Probe *p = c;
     if (t >= p->r[FAIL_TIME] - 1e-9 && t < p->r[FAIL_TIME] + h - 1e-9) misbehave(p);
     const double fail_time = p->r[FAIL_TIME];
     p->r[FAIL_TIME] = INFINITY;
@@ -128,7 +128,7 @@ FMI2_Export fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2B
 }
 
 FMI2_Export void fmi2FreeInstance(fmi2Component c) {
-    Probe* p = c;
+    Probe *p = c;
     if (!strcmp(p->label, "segv while freed")) *nowhere = 1;
     if (!strcmp(p->label, "hang while freed")) hang();
     probe_free(c);

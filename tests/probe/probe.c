@@ -36,7 +36,7 @@ FMI2_Export int probe_live(void) { return live; }
 
 static const double real_start[N_REAL] = {0.0, 0.0, 0.0, 1.0, 0.1, 0.0, INFINITY, 0.0};
 
-static void start_values(Probe* p) {
+static void start_values(Probe *p) {
     memcpy(p->r, real_start, sizeof real_start);
     memset(p->i, 0, sizeof p->i);
     memset(p->b, 0, sizeof p->b);
@@ -47,8 +47,9 @@ static void start_values(Probe* p) {
     strcpy(p->label, "probe");
 }
 
-static fmi2Status fail(Probe* p, const char* function) {
-    static const char* categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal", "logAll"};
+static fmi2Status fail(Probe *p, const char *function) {
+    static const char *categories[] = {"logAll",         "logStatusWarning", "logStatusDiscard",
+                                       "logStatusError", "logStatusFatal",   "logAll"};
     if (p->logging)
         p->callbacks.logger(p->callbacks.componentEnvironment, p->name, (fmi2Status)p->i[FAIL_STATUS],
                             categories[p->i[FAIL_STATUS]], "%s told to fail at %g s", function, p->r[CLOCK]);
@@ -58,14 +59,16 @@ static fmi2Status fail(Probe* p, const char* function) {
 #define FAILS(p, n) ((p)->i[FAIL_FUNCTION] == (n) && (p)->r[CLOCK] >= (p)->r[FAIL_TIME] - 1e-9)
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
-                              const fmi2CallbackFunctions* callbacks, fmi2Boolean visible, fmi2Boolean logging) {
-    (void)resources; (void)visible;
+                              const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
+    (void)resources;
+    (void)visible;
     if (type != fmi2CoSimulation || strcmp(guid, "probe") != 0) {
         if (logging)
-            callbacks->logger(callbacks->componentEnvironment, name, fmi2Error, "logStatusError", "guid %s is not mine", guid);
+            callbacks->logger(callbacks->componentEnvironment, name, fmi2Error, "logStatusError", "guid %s is not mine",
+                              guid);
         return NULL;
     }
-    Probe* p = calloc(1, sizeof *p);
+    Probe *p = calloc(1, sizeof *p);
     p->callbacks = *callbacks;
     snprintf(p->name, sizeof p->name, "%s", name);
     p->logging = logging;
@@ -73,29 +76,45 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     live++;
     return p;
 }
-void fmi2FreeInstance(fmi2Component c) { live--; free(c); }
-fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean d, fmi2Real tolerance, fmi2Real start, fmi2Boolean e, fmi2Real stop) {
-    (void)d; (void)tolerance; (void)e; (void)stop;
-    ((Probe*)c)->r[CLOCK] = start;
+void fmi2FreeInstance(fmi2Component c) {
+    live--;
+    free(c);
+}
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean d, fmi2Real tolerance, fmi2Real start, fmi2Boolean e,
+                               fmi2Real stop) {
+    (void)d;
+    (void)tolerance;
+    (void)e;
+    (void)stop;
+    ((Probe *)c)->r[CLOCK] = start;
     return fmi2OK;
 }
-fmi2Status fmi2EnterInitializationMode(fmi2Component c) { (void)c; return fmi2OK; }
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
+    (void)c;
+    return fmi2OK;
+}
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
-    Probe* p = c;
+    Probe *p = c;
     return p->i[FAIL_FUNCTION] == 3 ? fail(p, "fmi2ExitInitializationMode") : fmi2OK;
 }
-fmi2Status fmi2Terminate(fmi2Component c) { (void)c; return fmi2OK; }
-fmi2Status fmi2Reset(fmi2Component c) { start_values(c); return fmi2OK; }
+fmi2Status fmi2Terminate(fmi2Component c) {
+    (void)c;
+    return fmi2OK;
+}
+fmi2Status fmi2Reset(fmi2Component c) {
+    start_values(c);
+    return fmi2OK;
+}
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
-    Probe* p = c;
+    Probe *p = c;
     if (FAILS(p, 2)) return fail(p, "fmi2GetReal");
     p->r[Z] = p->r[GAIN] * p->r[U];
     for (size_t k = 0; k < n; k++) value[k] = p->r[vr[k]];
     return fmi2OK;
 }
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
-    Probe* p = c;
+    Probe *p = c;
     if (FAILS(p, 1)) return fail(p, "fmi2SetReal");
     for (size_t k = 0; k < n; k++) {
         p->r[vr[k]] = value[k];
@@ -105,44 +124,45 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
     return fmi2OK;
 }
 fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[]) {
-    Probe* p = c;
+    Probe *p = c;
     p->i[COUNT] = p->i[COUNT_IN] + 1;
     for (size_t k = 0; k < n; k++) value[k] = p->i[vr[k]];
     return fmi2OK;
 }
 fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[]) {
-    for (size_t k = 0; k < n; k++) ((Probe*)c)->i[vr[k]] = value[k];
+    for (size_t k = 0; k < n; k++) ((Probe *)c)->i[vr[k]] = value[k];
     return fmi2OK;
 }
 fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[]) {
-    Probe* p = c;
+    Probe *p = c;
     p->b[FLAG] = !p->b[FLAG_IN];
     for (size_t k = 0; k < n; k++) value[k] = p->b[vr[k]];
     return fmi2OK;
 }
 fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Boolean value[]) {
-    for (size_t k = 0; k < n; k++) ((Probe*)c)->b[vr[k]] = value[k] != 0;
+    for (size_t k = 0; k < n; k++) ((Probe *)c)->b[vr[k]] = value[k] != 0;
     return fmi2OK;
 }
 fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]) {
     (void)vr;
-    for (size_t k = 0; k < n; k++) value[k] = ((Probe*)c)->label;
+    for (size_t k = 0; k < n; k++) value[k] = ((Probe *)c)->label;
     return fmi2OK;
 }
 fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[]) {
     (void)vr;
-    for (size_t k = 0; k < n; k++) snprintf(((Probe*)c)->label, sizeof ((Probe*)c)->label, "%s", value[k]);
+    for (size_t k = 0; k < n; k++) snprintf(((Probe *)c)->label, sizeof((Probe *)c)->label, "%s", value[k]);
     return fmi2OK;
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean no_set) {
     (void)no_set;
-    Probe* p = c;
+    Probe *p = c;
     if (FAILS(p, 0)) {
         fmi2Status status = fail(p, "fmi2DoStep");
         if (status > fmi2Warning) return status;
     }
-    for (volatile long spin = 0; spin < 1000L * p->i[SLEEP]; spin++) {}
+    for (volatile long spin = 0; spin < 1000L * p->i[SLEEP]; spin++) {
+    }
     if (h != p->h) {
         p->h = h;
         p->decay = exp(-h / p->r[TIME_CONSTANT]);
@@ -154,37 +174,111 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean no_se
     return FAILS(p, 0) && p->i[FAIL_STATUS] == fmi2Warning ? fmi2Warning : fmi2OK;
 }
 
-const char* fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
-const char* fmi2GetVersion(void) { return "2.0"; }
+const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+const char *fmi2GetVersion(void) { return "2.0"; }
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[]) {
-    (void)n; (void)categories;
-    ((Probe*)c)->logging = on;
+    (void)n;
+    (void)categories;
+    ((Probe *)c)->logging = on;
     return fmi2OK;
 }
 
 /* Not offered by this FMU. */
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* s) { (void)c; (void)s; return fmi2Error; }
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s) { (void)c; (void)s; return fmi2Error; }
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* s) { (void)c; (void)s; return fmi2Error; }
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate s, size_t* n) { (void)c; (void)s; (void)n; return fmi2Error; }
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate s, fmi2Byte b[], size_t n) { (void)c; (void)s; (void)b; (void)n; return fmi2Error; }
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b[], size_t n, fmi2FMUstate* s) { (void)c; (void)b; (void)n; (void)s; return fmi2Error; }
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference a[], size_t na, const fmi2ValueReference b[], size_t nb,
-                                        const fmi2Real dv[], fmi2Real dz[]) {
-    (void)c; (void)a; (void)na; (void)b; (void)nb; (void)dv; (void)dz;
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *s) {
+    (void)c;
+    (void)s;
     return fmi2Error;
 }
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real v[]) {
-    (void)c; (void)vr; (void)n; (void)order; (void)v;
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s) {
+    (void)c;
+    (void)s;
     return fmi2Error;
 }
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real v[]) {
-    (void)c; (void)vr; (void)n; (void)order; (void)v;
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *s) {
+    (void)c;
+    (void)s;
     return fmi2Error;
 }
-fmi2Status fmi2CancelStep(fmi2Component c) { (void)c; return fmi2Error; }
-fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind k, fmi2Status* s) { (void)c; (void)k; (void)s; return fmi2Discard; }
-fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind k, fmi2Real* v) { (void)c; (void)k; (void)v; return fmi2Discard; }
-fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind k, fmi2Integer* v) { (void)c; (void)k; (void)v; return fmi2Discard; }
-fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind k, fmi2Boolean* v) { (void)c; (void)k; (void)v; return fmi2Discard; }
-fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind k, fmi2String* v) { (void)c; (void)k; (void)v; return fmi2Discard; }
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate s, size_t *n) {
+    (void)c;
+    (void)s;
+    (void)n;
+    return fmi2Error;
+}
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate s, fmi2Byte b[], size_t n) {
+    (void)c;
+    (void)s;
+    (void)b;
+    (void)n;
+    return fmi2Error;
+}
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b[], size_t n, fmi2FMUstate *s) {
+    (void)c;
+    (void)b;
+    (void)n;
+    (void)s;
+    return fmi2Error;
+}
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference a[], size_t na,
+                                        const fmi2ValueReference b[], size_t nb, const fmi2Real dv[], fmi2Real dz[]) {
+    (void)c;
+    (void)a;
+    (void)na;
+    (void)b;
+    (void)nb;
+    (void)dv;
+    (void)dz;
+    return fmi2Error;
+}
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                       const fmi2Integer order[], const fmi2Real v[]) {
+    (void)c;
+    (void)vr;
+    (void)n;
+    (void)order;
+    (void)v;
+    return fmi2Error;
+}
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                        const fmi2Integer order[], fmi2Real v[]) {
+    (void)c;
+    (void)vr;
+    (void)n;
+    (void)order;
+    (void)v;
+    return fmi2Error;
+}
+fmi2Status fmi2CancelStep(fmi2Component c) {
+    (void)c;
+    return fmi2Error;
+}
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind k, fmi2Status *s) {
+    (void)c;
+    (void)k;
+    (void)s;
+    return fmi2Discard;
+}
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind k, fmi2Real *v) {
+    (void)c;
+    (void)k;
+    (void)v;
+    return fmi2Discard;
+}
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind k, fmi2Integer *v) {
+    (void)c;
+    (void)k;
+    (void)v;
+    return fmi2Discard;
+}
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind k, fmi2Boolean *v) {
+    (void)c;
+    (void)k;
+    (void)v;
+    return fmi2Discard;
+}
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind k, fmi2String *v) {
+    (void)c;
+    (void)k;
+    (void)v;
+    return fmi2Discard;
+}

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import CosimError, DescriptionError, suggest
+from ..errors import CosimError, DescriptionError, FileError, suggest
 from .console import Bar, make_table, print_error, print_note, standard_output
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def build_all(options: argparse.Namespace, workspace: Workspace, default: Path, 
     for flavour in flavours:
         errors += _build(workspace, names, base / flavour if apart else base, platforms[flavour], flavour)
     _tell_drafts(workspace, names)
-    if any(isinstance(error, BuildError) for error in errors):
+    if any(isinstance(error, BuildError | FileError) for error in errors):
         return 1
     return 2 if errors else 0
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from ..tables import Count, Number, Positive, Scalar, Seconds, Table, Text
+from ..fmu.tables import Count, Number, Positive, Scalar, Seconds, Table, Text
 
 
 class RangeData(Table):

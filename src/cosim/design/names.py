@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from ..fmu.places import shipped_file
-from ..tables import Scalar, Table, Text, read_table
+from ..fmu.tables import Scalar, Table, Text, read_table
 
 NCTF_FILE = Path("maeda2008") / "names" / "nctf.toml"
 PULSE_FILE = Path("feng2015") / "names" / "friction_pulse.toml"

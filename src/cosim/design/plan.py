@@ -16,12 +16,13 @@ import numpy as np
 from ..errors import DescriptionError, suggest
 from ..fmu.description import Variable
 from ..fmu.places import shipped_file
+from ..fmu.tables import checked
+from ..fmu.text import read_toml
 from ..result import metrics as figures
 from ..result.result import Result
 from ..result.summary import tracking
 from ..system.system import System, read_system
 from ..system.values import start_value
-from ..tables import checked, read_toml
 from .documents import AxisData, RunsData, SweepData
 
 Value = float | str | bool
@@ -100,7 +101,7 @@ def make_sweep(
     data, problems = checked(document, SweepData, name)
     if data is None:
         raise DescriptionError(problems)
-    system = system_of(data, folder, fmus)
+    system = system_of(data, folder, fmus, problems)
     points: tuple[Point, ...] = ()
     try:
         variables = {path: variable_of(system, path) for path in data.parameters}
@@ -124,9 +125,12 @@ def make_sweep(
     )
 
 
-def system_of(data: RunsData, folder: str | Path, fmus: str | Path | None) -> System:
-    """The system that a file names, with its experiment."""
-    return read_system(Path(folder) / data.system, fmus=fmus, **data.experiment.model_dump(exclude_none=True))
+def system_of(data: RunsData, folder: str | Path, fmus: str | Path | None, problems: Sequence[str]) -> System:
+    """The system that a file names, with its experiment; its problems are told after those given."""
+    try:
+        return read_system(Path(folder) / data.system, fmus=fmus, **data.experiment.model_dump(exclude_none=True))
+    except DescriptionError as error:
+        raise DescriptionError([*problems, *error.problems]) from None
 
 
 def recording(system: System, wanted: Sequence[Metric]) -> System:

@@ -33,9 +33,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import tables
 from ..errors import DescriptionError
 from ..files import write_file
+from ..fmu import tables
 from ..result.metrics import Array
 from ..system.system import System, read_system
 from .names import AxisNames, axis_names

@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..fmu.places import shipped_file
+from ..fmu.tables import read_table
 from ..master.simulation import Simulation
 from ..result.metrics import Array
 from ..result.result import Result
 from ..system.system import System, read_system
-from ..tables import read_table
 from .documents import MapData
 from .identify import identify_nct
 from .linearize import StateSpace

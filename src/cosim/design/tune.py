@@ -35,12 +35,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from .. import tables
 from ..errors import CosimError, DescriptionError, suggest
+from ..fmu import tables
 from ..fmu.places import shipped_file
+from ..fmu.tables import checked
+from ..fmu.text import read_toml
 from ..result.metrics import Array
 from ..system.system import System
-from ..tables import checked, read_toml
 from .documents import RangeData, TuningData
 from .plan import Metric, check_values, figures_of, measure, recording, system_of, variable_of
 from .workers import Limit, Loadable, LoadError, Workers
@@ -105,7 +106,7 @@ def make_tuning(
     data, problems = checked(document, TuningData, name)
     if data is None:
         raise DescriptionError(problems)
-    system = system_of(data, folder, fmus)
+    system = system_of(data, folder, fmus, problems)
     ranges = tuple(data.parameters.values())
     try:
         variables = {path: variable_of(system, path) for path in data.parameters}

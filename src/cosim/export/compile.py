@@ -14,10 +14,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import CosimError, DescriptionError
+from ..files import write_file
 
 RUNTIME = Path(__file__).with_name("runtime")
 """The folder of the C sources common to all native FMUs."""
-COMMON_SOURCES = ("core.c", "integrator.c", "integrator.h")
+COMMON_SOURCES = ("core.c", "integrator.c", "integrator.h", "sampling.c", "state.c")
 SOURCES = ("model.c",)
 LIBRARIES = {"loop.c": "-lm", "model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (
@@ -93,8 +94,9 @@ def _compile(sources: Mapping[str, bytes], compiled: Sequence[str], target: str,
     for name in sorted(sources):
         digest.update(name.encode() + b"\0" + sources[name])
     kept = cache / "binaries" / f"{digest.hexdigest()[:32]}{ending}"
-    if kept.is_file():
-        return kept.read_bytes()
+    found = _from_cache(kept)
+    if found is not None:
+        return found
     kept.parent.mkdir(parents=True, exist_ok=True)
     environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str((cache / "zig").resolve())}
     with tempfile.TemporaryDirectory() as folder:
@@ -109,10 +111,18 @@ def _compile(sources: Mapping[str, bytes], compiled: Sequence[str], target: str,
         if done.returncode:
             raise BuildError(f"compiling for {target} failed:\n{done.stderr.strip()}")
         content = (Path(folder) / f"model{ending}").read_bytes()
-    partial = kept.with_suffix(f".{os.getpid()}.part")
-    partial.write_bytes(content)
-    partial.replace(kept)
+    write_file(kept, hashlib.sha256(content).digest() + content)
     return content
+
+
+def _from_cache(kept: Path) -> bytes | None:
+    """A compiled binary, which lies behind its hash; None if it is not there, or damaged and to be compiled again."""
+    try:
+        stored = kept.read_bytes()
+    except FileNotFoundError:
+        return None
+    digest, content = stored[:32], stored[32:]
+    return content if hashlib.sha256(content).digest() == digest else None
 
 
 def _universal(slices: Sequence[bytes]) -> bytes:

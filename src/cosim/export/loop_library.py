@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..files import write_file
 from .compile import TARGETS, compile_binary
 
 FOLDER = Path(__file__).parents[1] / "master"
@@ -31,9 +32,7 @@ def compile_loop(platforms: Sequence[str], folder: Path, cache: Path) -> list[Pa
         path = folder / file
         if not path.is_file() or path.read_bytes() != content:
             # replaced in one go: a running master may have the old one loaded
-            partial = path.with_suffix(".part")
-            partial.write_bytes(content)
-            partial.replace(path)
+            write_file(path, content)
             written.append(path)
     current = library_names(tuple(TARGETS)).values()
     for old in folder.glob("loop-*-*"):

@@ -13,7 +13,7 @@ from ..model import Component
 from .assets import assets
 from .compile import COMMON_SOURCES, RUNTIME, SOURCES, TARGETS, TUPLES, BuildError, compile_binary, host_platform
 from .contract import Fmi, header
-from .python.python_package import BINARIES, PROXY, library, resources
+from .python.python_package import BINARIES, PROXY, external_dependencies, library, resources
 
 
 def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[str] = (), fmi: Fmi = 2) -> Path:
@@ -21,7 +21,7 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
 
     ``platforms`` are keys of ``TARGETS``, by default this machine's. ``cache`` keeps compiled binaries.
     Raises DescriptionError for a wrong declaration, TraceError for equations that cannot be traced, BuildError for C
-    that does not compile or a file that cannot be written.
+    that does not compile, FileError for a file that cannot be written.
     """
     from .fmi2_xml import build_description, model_description
     from .fmi3_xml import model_description3
@@ -78,6 +78,7 @@ def build_python(kind: type[Component], output: Path, cache: Path, platforms: Se
         "modelDescription.xml": model_description(traced, guid, version, sources=(), native=False),
         "documentation/index.html": documentation(traced, version, native=False),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
+        "documentation/externalDependencies.txt": external_dependencies(kind).encode(),
         **_common(kind, 2),
         "resources/guid.txt": guid.encode(),
         **{f"resources/{path}": content for path, content in embedded.items()},
@@ -101,10 +102,7 @@ def _common(kind: type[Component], fmi: Fmi) -> dict[str, bytes]:
 
 
 def _written(target: Path, files: Mapping[str, bytes]) -> Path:
-    try:
-        write_zip(target, files, "modelDescription.xml")
-    except OSError as error:
-        raise BuildError(f"{target}: cannot be written ({error.strerror}). Give another folder.") from error
+    write_zip(target, files, "modelDescription.xml")
     return target
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path, PurePosixPath
 
 from ..errors import DescriptionError
-from .files import replacing
+from ..files import Replacement
 
 MAX_MEMBERS = 20_000
 
@@ -87,9 +87,9 @@ def write_zip(target: Path, files: Mapping[str, bytes | Path], first: str, defla
     """Write an archive whose bytes depend on names and contents only: sorted behind ``first``, one date, in one go.
 
     A Path stands for the content of that file; members are stored, or deflated if their name is in ``deflated``.
-    Raises OSError, and leaves an older ``target`` alone then.
+    Raises FileError, and leaves an older ``target`` alone then.
     """
-    with replacing(target) as partial, zipfile.ZipFile(partial, "w") as archive:
+    with Replacement(target) as new, zipfile.ZipFile(new.file, "w") as archive:
         for name in sorted(files, key=lambda name: (name != first, name)):
             content = files[name]
             entry = zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0))

@@ -6,16 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import DescriptionError, suggest
-from .files import write_file
+from ..files import write_file
+from .places import fmus_in
 
 
 def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: bool = False) -> list[Path]:
     """Copy the FMUs ``names`` of ``source``, or all, into ``folder``; returns the files written.
 
     A file that is there with the same content stays as it is; one with other content is replaced with ``force`` only.
-    Raises DescriptionError with every unknown name and every file in the way, and has copied nothing then.
+    Raises DescriptionError with every unknown name and every file in the way, and has copied nothing then; FileError
+    for a folder that cannot be written to.
     """
-    known = {path.stem: path for path in sorted(source.glob("*.fmu"))}
+    known = fmus_in(source)
     problems = [f"no FMU '{name}' in {source}.{suggest(name, known)}" for name in names if name not in known]
     if not known:
         problems.append(f"{source}: there is no FMU. Build the FMUs, or name another folder with --fmus.")
@@ -34,10 +36,6 @@ def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: b
                 problems.append(f"{path}: is another FMU. Give --force to replace it, or another folder.")
     if problems:
         raise DescriptionError(problems)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path, content in changed.items():
-            write_file(path, content)
-    except OSError as error:
-        raise DescriptionError(f"{folder}: cannot be written to ({error.strerror}). Give another folder.") from None
+    for path, content in changed.items():
+        write_file(path, content)
     return list(changed)

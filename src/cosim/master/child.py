@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import faulthandler
+import gc
 import io
 import mmap
 import os
@@ -143,6 +144,8 @@ def _quiet() -> None:
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     faulthandler.disable()
+    # Collecting garbage among the objects from before a fork would copy the memory that both processes share.
+    gc.freeze()
     sys.stdin = io.StringIO()
     # Python FMUs print to these.
     sys.stdout = open(1, "w", buffering=1, encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115

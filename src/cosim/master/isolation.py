@@ -32,7 +32,7 @@ from .signals import Presses, counted
 POLL_SECONDS = 0.05
 """How often the watching process looks; a message or the end of the run wakes it at once."""
 
-GRACE_SECONDS = 0.5
+GRACE_SECONDS = 0.4
 """How long a call may go on after Ctrl-C before the process is ended: the command reacts within a second."""
 
 JOIN_SECONDS = 0.5
@@ -85,23 +85,24 @@ def simulate_isolated(
 ) -> Result:
     """Run ``system`` once in another process.
 
-    An FMI call that takes longer than ``timeout`` seconds ends the run. If all rows need more than ``most_bytes``,
-    memory stays flat: ``sink`` gets all of them as they come, and the result holds every n-th row only, as if
-    ``decimation`` were larger. ``fork`` says whether to fork (default: where that is safe).
+    An FMI call that takes longer than ``timeout`` seconds ends the run. If all rows, with their times, need more than
+    ``most_bytes``, memory stays flat: ``sink`` gets all of them as they come, and the result holds every n-th row only,
+    as if ``decimation`` were larger. ``fork`` says whether to fork (default: where that is safe).
     Raises what ``simulate`` raises, ProcessError, and RecordError if ``sink`` fails.
     """
     rows = system.steps // system.decimation + 1
     columns = len(system.record)
     # The loop may leave room for two rows in a window.
     capacity, windows = rows + 2, 1
-    if most_bytes is not None and rows * columns * 8 > most_bytes:
+    size = 8 * rows * (1 + columns)
+    if most_bytes is not None and size > most_bytes:
         capacity, windows = max(2, WINDOW_BYTES // max(8 * columns, 1)), 2
     else:
         check_memory(system, rows)
     fork = may_fork() if fork is None else fork
     with temporary_folder() as folder:
         job = Job(folder, debug, keep_going, columns, capacity, windows)
-        every = 1 if windows == 1 or most_bytes is None else -(-rows * columns * 8 // most_bytes)
+        every = 1 if windows == 1 or most_bytes is None else -(-size // most_bytes)
         with shared_memory(folder, Board.size(columns, capacity, windows), shared_file=not fork) as (memory, file):
             board = Board(memoryview(memory), columns, capacity, windows)
             # Loaded here, it is there after a fork.
@@ -218,10 +219,9 @@ class _Watch:
         return bool(full)
 
     def keep(self, rows: NDArray[np.float64]) -> None:
-        numbers = np.arange(self.taken, self.taken + len(rows))
         if self.sink is not None and self.failed is None:
             try:
-                self.sink.write(row_times(self.system, numbers), rows)
+                self.sink.write(row_times(self.system, self.taken, len(rows)), rows)
             except FileError as error:
                 self.failed = error
         self.kept.append(rows[-self.taken % self.every :: self.every].copy())
@@ -241,7 +241,8 @@ class _Watch:
             # Ended between handing a window over and beginning the next.
             count = 0
         self.keep(board.window[: max(0, min(count, board.capacity))])
-        return np.concatenate(self.kept)
+        rows, self.kept = np.concatenate(self.kept), []
+        return rows
 
     # What happened
 

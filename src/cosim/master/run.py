@@ -152,16 +152,10 @@ class Run:
         system = self.system
         for slave, instance in zip(self.slaves, system.instances, strict=True):
             slave.set_all(instance.start)
-        tolerance = system.tolerance
         for slave in self.slaves:
-            slave.call(
-                "fmi2SetupExperiment",
-                tolerance is not None,
-                0.0 if tolerance is None else tolerance,
-                self.clock[0],
-                True,
-                float(system.stop_time),
-            )
+            tolerance = (slave.fmu.tolerance if system.tolerance is None else system.tolerance) or 0.0
+            times = self.clock[0], True, float(system.stop_time)
+            slave.call("fmi2SetupExperiment", tolerance > 0.0, tolerance, *times)
         for slave in self.slaves:
             slave.call("fmi2EnterInitializationMode")
         self.propagate()
@@ -269,6 +263,11 @@ class Run:
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
+        if self.board is not None:
+            # The other side makes the result; it has the rows and the messages, and needs the rest from here.
+            dropped = sum(slave.log.dropped for slave in self.slaves)
+            facts = {"stepping_seconds": self.stepping_seconds}
+            return Result(np.empty(0), np.empty((0, 0)), (), partial, (), dropped, solver, facts)
         return make_result(
             self.system,
             self.rows[: int(self.state[loop.ROWS])],
@@ -299,7 +298,7 @@ def make_result(
 ) -> Result:
     """The result of a run that has come to where ``state`` is; ``rows`` has every n-th row from ``first_row`` on."""
     return Result(
-        time=row_times(system, np.arange(first_row, first_row + len(rows) * every, every)),
+        time=row_times(system, first_row, len(rows), every),
         rows=rows,
         columns=result_columns(system),
         partial=partial,
@@ -329,15 +328,22 @@ def system_metadata(system: System) -> dict[str, Any]:
         "order": system.order if isinstance(system.order, str) else list(system.order),
         "decimation": system.decimation,
         "connections": [str(connection) for connection in system.connections],
+        "transformations": {
+            str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
+        },
         "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
         "versions": dict(_versions()),
     }
 
 
-def row_times(system: System, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The times of rows with these numbers, in seconds."""
-    points = np.asarray(numbers * system.decimation, dtype=np.float64)
-    return float(system.start_time) + points * float(system.step_size)
+def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
+    """The times of ``count`` rows from number ``first`` on, every ``every``-th, in seconds."""
+    times = np.arange(first, first + count * every, every, dtype=np.float64)
+    # In place: a long record has times as large as its rows.
+    times *= system.decimation
+    times *= float(system.step_size)
+    times += float(system.start_time)
+    return times
 
 
 def result_columns(system: System) -> tuple[Column, ...]:

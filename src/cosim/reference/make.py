@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from ..errors import DescriptionError
 from ..export.assets import ICON, MEASURED, PICTURE, folder
 from ..export.package import build
 from ..export.workspace import Workspace
+from ..files import temporary_folder
 from ..fmu.description import Fmu, Value, read_fmu
 from ..fmu.xml import document
 from ..model import Choice, Component, Plant, declarations
@@ -39,15 +39,15 @@ def write(
     kind, source = workspace.component(name), workspace.components()[name]
     target = folder(source, name)
     target.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="cosim-") as scratch:
-        fmu = read_fmu(build(kind, Path(scratch), workspace.cache))
+    with temporary_folder() as scratch:
+        fmu = read_fmu(build(kind, scratch, workspace.cache))
         written = _references(kind, fmu, experiments)
         for path in target.iterdir():
             path.unlink()
         for file, content in written.items():
             (target / file).write_bytes(content)
         (target / PICTURE).write_bytes(b"")  # listed in the manifest, drawn from the run below
-        report = verify(build(kind, Path(scratch) / "validated", workspace.cache))
+        report = verify(build(kind, scratch / "validated", workspace.cache))
     if report.code:
         raise DescriptionError([*report.problems, *_complaints(report)])
     _picture(report, target / PICTURE, {e.name: e.shown for e in experiments})
@@ -122,7 +122,9 @@ def _start(kind: type[Component], validation: Validation) -> dict[str, Value]:
     for attribute, value in validation.parameters.items():
         if attribute not in lines:
             raise DescriptionError(f"{kind.__name__}, experiment '{validation.name}': no parameter '{attribute}'.")
-        start[lines[attribute].name] = value.number if isinstance(value, Choice) else value
+        line = lines[attribute]
+        for name, item in zip(line.names, value if line.length is not None else (value,), strict=True):
+            start[name] = item.number if isinstance(item, Choice) else item
     return start
 
 

@@ -19,7 +19,6 @@ import math
 import multiprocessing
 import os
 import re
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
+from ..files import temporary_folder
 from ..fmu.archive import unpack
 from ..fmu.description import ELEMENT
 from ..fmu.xml import parse
@@ -162,8 +162,8 @@ def verify(
     """
     path = Path(path)
     try:
-        with tempfile.TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True) as folder:
-            return _verify(path, Path(folder), interface, tolerance, timeout)
+        with temporary_folder() as folder:
+            return _verify(path, folder, interface, tolerance, timeout)
     except DescriptionError as error:
         said = (text if text.startswith(path.name) else f"{path.name}: {text}" for text in error.problems)
         return Report(path, path.stem, problems=tuple(said))

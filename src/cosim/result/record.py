@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
-from ..files import Replacement, cannot_write, check_writable
+from ..files import Replacement, cannot_write, check_no_folder, check_writable
 
 FORMATS = (".csv", ".parquet")
 
@@ -84,8 +84,7 @@ class RecordWriter:
 
     def __init__(self, path: Path, columns: Sequence[Column], metadata: Mapping[str, Any]) -> None:
         check_format(path)
-        if path.is_dir():
-            raise DescriptionError(f"{path} is a folder. Name a file.")
+        check_no_folder(path)
         all_columns = (Column("time", "s", "Time", "s"), *columns)
         csv = path.suffix.lower() == ".csv"
         self._path = path

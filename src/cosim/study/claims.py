@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..errors import DescriptionError, suggest
-from ..tables import read_table
+from ..fmu.tables import read_table
 from . import expression, rules
 from .rules import Numbers, Rule
 from .study import COPY, Claim, Kind, Measure, Outcomes, Picture, Reading, Run, Status, Study, labelled

@@ -14,6 +14,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
+from ..files import write_file
 from .rules import Numbers
 from .study import COPY, STATUSES, Claim, Kind, Missing, Outcome, Outcomes, Status, Study, Verdict
 
@@ -335,8 +336,7 @@ def write_report(folder: Path, name: str, study: Study, outcomes: Outcomes, verd
             keep_trailing_newline=True,
         )
         environment.filters |= {"slug": slug, "cell": _cell}
-        file.write_text(environment.get_template(file.name).render(context), encoding="utf-8")
-    (folder / "figures.json").write_text(
-        json.dumps(_figures(outcomes, verdicts), indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
+        write_file(file, environment.get_template(file.name).render(context))
+    figures = json.dumps(_figures(outcomes, verdicts), indent=1, allow_nan=False)
+    write_file(folder / "figures.json", figures + "\n")
     return page

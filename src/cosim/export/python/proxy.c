@@ -26,8 +26,8 @@
 #define GUID_BYTES 40
 
 typedef struct {
-    fmi2Component (*Instantiate)(fmi2String, fmi2Type, fmi2String, fmi2String, const fmi2CallbackFunctions *, fmi2Boolean,
-                                 fmi2Boolean);
+    fmi2Component (*Instantiate)(fmi2String, fmi2Type, fmi2String, fmi2String, const fmi2CallbackFunctions *,
+                                 fmi2Boolean, fmi2Boolean);
     void (*FreeInstance)(fmi2Component);
     fmi2Status (*SetupExperiment)(fmi2Component, fmi2Boolean, fmi2Real, fmi2Real, fmi2Boolean, fmi2Real);
     fmi2Status (*EnterInitializationMode)(fmi2Component);
@@ -51,12 +51,28 @@ typedef struct {
     fmi2Status (*DoStep)(fmi2Component, fmi2Real, fmi2Real, fmi2Boolean);
 } Functions;
 
-static const char *const function_names[] = {
-    "fmi2Instantiate",   "fmi2FreeInstance", "fmi2SetupExperiment", "fmi2EnterInitializationMode",
-    "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2Reset", "fmi2GetReal", "fmi2GetInteger", "fmi2GetBoolean",
-    "fmi2GetString", "fmi2SetReal", "fmi2SetInteger", "fmi2SetBoolean", "fmi2SetString", "fmi2GetFMUstate",
-    "fmi2SetFMUstate", "fmi2FreeFMUstate", "fmi2SerializedFMUstateSize", "fmi2SerializeFMUstate",
-    "fmi2DeSerializeFMUstate", "fmi2DoStep"};
+static const char *const function_names[] = {"fmi2Instantiate",
+                                             "fmi2FreeInstance",
+                                             "fmi2SetupExperiment",
+                                             "fmi2EnterInitializationMode",
+                                             "fmi2ExitInitializationMode",
+                                             "fmi2Terminate",
+                                             "fmi2Reset",
+                                             "fmi2GetReal",
+                                             "fmi2GetInteger",
+                                             "fmi2GetBoolean",
+                                             "fmi2GetString",
+                                             "fmi2SetReal",
+                                             "fmi2SetInteger",
+                                             "fmi2SetBoolean",
+                                             "fmi2SetString",
+                                             "fmi2GetFMUstate",
+                                             "fmi2SetFMUstate",
+                                             "fmi2FreeFMUstate",
+                                             "fmi2SerializedFMUstateSize",
+                                             "fmi2SerializeFMUstate",
+                                             "fmi2DeSerializeFMUstate",
+                                             "fmi2DoStep"};
 
 typedef struct {
     fmi2CallbackFunctions importer;
@@ -64,10 +80,10 @@ typedef struct {
     Functions slave_functions;
     fmi2Component slave;
     void *library;
-    int dead;          /* Python left by an exception: PythonFMU has given its objects away, nothing may be called */
+    int dead;            /* Python left by an exception: PythonFMU has given its objects away, nothing may be called */
     unsigned categories; /* bit of each category that is logged */
-    fmi2Status worst;  /* of the messages of the call in progress */
-    fmi2Real reached;  /* s, end of the last step done */
+    fmi2Status worst;    /* of the messages of the call in progress */
+    fmi2Real reached;    /* s, end of the last step done */
     char guid[GUID_BYTES];
     char *name;
 } Instance;
@@ -220,7 +236,8 @@ static int load_slave(Instance *instance) {
     char path[MAX_PATH_BYTES];
     void *found[sizeof function_names / sizeof *function_names];
     if (!python_is_loaded() && !start_python()) {
-        say(instance, fmi2Error, "fmi2Instantiate: no Python in this process and no library of Python 3.11 or later found. "
+        say(instance, fmi2Error,
+            "fmi2Instantiate: no Python in this process and no library of Python 3.11 or later found. "
             "Set COSIM_LIBPYTHON to the path of libpython3.x.so, or take the native FMU of the same name.");
         return 0;
     }
@@ -246,7 +263,10 @@ static int load_slave(Instance *instance) {
 /* ---- resources ---- */
 
 static int hexadecimal(char c) {
-    return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+    return c >= '0' && c <= '9'   ? c - '0'
+           : c >= 'a' && c <= 'f' ? c - 'a' + 10
+           : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                  : -1;
 }
 
 static FILE *open_resource(const char *folder, const char *name) {
@@ -286,14 +306,18 @@ static int resource_folder(const Instance *instance, const char *uri, char *fold
         file = open_resource(folder, "slavemodule.txt");
     }
     if (!file) {
-        say(instance, fmi2Error, "fmi2Instantiate: no slavemodule.txt in the resource location '%s'. Pass the URI of the "
-            "FMU's resources folder.", uri ? uri : "");
+        say(instance, fmi2Error,
+            "fmi2Instantiate: no slavemodule.txt in the resource location '%s'. Pass the URI of the "
+            "FMU's resources folder.",
+            uri ? uri : "");
         return 0;
     }
     fclose(file);
     if (strstr(folder, "%20") || strstr(folder, "file://")) {
-        say(instance, fmi2Error, "fmi2Instantiate: the folder '%s' has %%20 or file:// in its name, which PythonFMU cannot "
-            "read. Unpack the FMU elsewhere.", folder);
+        say(instance, fmi2Error,
+            "fmi2Instantiate: the folder '%s' has %%20 or file:// in its name, which PythonFMU cannot "
+            "read. Unpack the FMU elsewhere.",
+            folder);
         return 0;
     }
     return 1;
@@ -302,11 +326,13 @@ static int resource_folder(const Instance *instance, const char *uri, char *fold
 static int read_guid(Instance *instance, const char *folder) {
     FILE *file = open_resource(folder, "guid.txt");
     size_t length;
+    char *end;
     if (!file) return 0;
     length = fread(instance->guid, 1, GUID_BYTES - 1, file);
     fclose(file);
     instance->guid[length] = 0;
-    instance->guid[strcspn(instance->guid, "\r\n")] = 0;
+    end = strpbrk(instance->guid, "\r\n");
+    if (end) *end = 0;
     return 1;
 }
 
@@ -349,8 +375,8 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
         if (!guid || strcmp(guid, instance->guid) != 0)
             say(instance, fmi2Error, SAY_WRONG_TOKEN, function, guid ? guid : "", instance->guid);
         else if (load_slave(instance))
-            instance->slave = instance->slave_functions.Instantiate(instance->name, type, guid, folder, &instance->own, visible,
-                                                                    fmi2True);
+            instance->slave = instance->slave_functions.Instantiate(instance->name, type, guid, folder, &instance->own,
+                                                                    visible, fmi2True);
     }
     if (!instance->slave) {
         fmi2FreeInstance(instance);
@@ -383,15 +409,15 @@ FMI2_EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranc
     Instance *instance = c;
     if (unusable(instance)) return fmi2Error;
     instance->reached = start;
-    return finish(instance, instance->slave_functions.SetupExperiment(instance->slave, tolerance_defined, tolerance, start,
-                                                                      stop_defined, stop));
+    return finish(instance, instance->slave_functions.SetupExperiment(instance->slave, tolerance_defined, tolerance,
+                                                                      start, stop_defined, stop));
 }
 
-#define FORWARD(function)                                                                \
-    FMI2_EXPORT fmi2Status fmi2##function(fmi2Component c) {                             \
-        Instance *instance = c;                                                          \
-        if (unusable(instance)) return fmi2Error;                                        \
-        return finish(instance, instance->slave_functions.function(instance->slave));    \
+#define FORWARD(function)                                                             \
+    FMI2_EXPORT fmi2Status fmi2##function(fmi2Component c) {                          \
+        Instance *instance = c;                                                       \
+        if (unusable(instance)) return fmi2Error;                                     \
+        return finish(instance, instance->slave_functions.function(instance->slave)); \
     }
 FORWARD(EnterInitializationMode)
 FORWARD(ExitInitializationMode)
@@ -403,22 +429,24 @@ FMI2_EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step,
     fmi2Status status;
     if (unusable(instance)) return fmi2Error;
     status = instance->slave_functions.DoStep(instance->slave, time, step, no_rollback);
-    if (status != fmi2Fatal && instance->worst > fmi2Warning) status = instance->worst;
-    else status = finish(instance, status);
+    if (status != fmi2Fatal && instance->worst > fmi2Warning)
+        status = instance->worst;
+    else
+        status = finish(instance, status);
     if (status == fmi2OK || status == fmi2Warning) instance->reached = time + step;
     return status;
 }
 
 /* ---- values ---- */
 
-#define VALUES(function, type)                                                                                         \
-    FMI2_EXPORT fmi2Status fmi2##function(fmi2Component c, const fmi2ValueReference references[], size_t n,            \
-                                          type values[]) {                                                             \
-        Instance *instance = c;                                                                                        \
-        if (unusable(instance) || missing(instance, references, n, "fmi2" #function) ||                                \
-            missing(instance, values, n, "fmi2" #function))                                                            \
-            return fmi2Error;                                                                                          \
-        return finish(instance, instance->slave_functions.function(instance->slave, references, n, values));           \
+#define VALUES(function, type)                                                                               \
+    FMI2_EXPORT fmi2Status fmi2##function(fmi2Component c, const fmi2ValueReference references[], size_t n,  \
+                                          type values[]) {                                                   \
+        Instance *instance = c;                                                                              \
+        if (unusable(instance) || missing(instance, references, n, "fmi2" #function) ||                      \
+            missing(instance, values, n, "fmi2" #function))                                                  \
+            return fmi2Error;                                                                                \
+        return finish(instance, instance->slave_functions.function(instance->slave, references, n, values)); \
     }
 VALUES(GetReal, fmi2Real)
 VALUES(GetInteger, fmi2Integer)
@@ -430,12 +458,12 @@ VALUES(SetBoolean, const fmi2Boolean)
 VALUES(SetString, const fmi2String)
 
 /* For calls that only n == 0 variables can be passed to; the text begins with the function. */
-#define NOT_PROVIDED(instance, n, text, function)        \
-    do {                                                 \
-        if (unusable(instance)) return fmi2Error;        \
-        if ((n) == 0) return fmi2OK;                     \
-        say(instance, fmi2Error, text, function);        \
-        return fmi2Error;                                \
+#define NOT_PROVIDED(instance, n, text, function) \
+    do {                                          \
+        if (unusable(instance)) return fmi2Error; \
+        if ((n) == 0) return fmi2OK;              \
+        say(instance, fmi2Error, text, function); \
+        return fmi2Error;                         \
     } while (0)
 
 FMI2_EXPORT fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference references[], size_t n,
@@ -454,8 +482,8 @@ FMI2_EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2V
     NOT_PROVIDED(c, n, SAY_NO_OUTPUT_DERIVATIVES, "fmi2GetRealOutputDerivatives");
 }
 
-FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t n_unknown,
-                                                    const fmi2ValueReference knowns[], size_t n_known,
+FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[],
+                                                    size_t n_unknown, const fmi2ValueReference knowns[], size_t n_known,
                                                     const fmi2Real seed[], fmi2Real result[]) {
     (void)unknowns;
     (void)knowns;
@@ -546,7 +574,8 @@ FMI2_EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate saved
     return status;
 }
 
-FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *saved) {
+FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
+                                               fmi2FMUstate *saved) {
     Instance *instance = c;
     static const char function[] = "fmi2DeSerializeFMUstate";
     Head head;
@@ -570,9 +599,9 @@ FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b
 
 /* ---- model exchange: not offered, but some importers look for these functions in every FMU ---- */
 
-#define NO_EXCHANGE(function, ...)                                                                       \
-    FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__);                                                  \
-    FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__) {                                                 \
+#define NO_EXCHANGE(function, ...)                                                                                 \
+    FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__);                                                            \
+    FMI2_EXPORT fmi2Status fmi2##function(__VA_ARGS__) {                                                           \
         NOT_PROVIDED(c, 1, "%s: the Python flavour is for co-simulation. Take the native FMU.", "fmi2" #function); \
     }
 #pragma clang diagnostic push
@@ -580,7 +609,8 @@ FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b
 NO_EXCHANGE(EnterEventMode, fmi2Component c)
 NO_EXCHANGE(EnterContinuousTimeMode, fmi2Component c)
 NO_EXCHANGE(NewDiscreteStates, fmi2Component c, fmi2EventInfo *info)
-NO_EXCHANGE(CompletedIntegratorStep, fmi2Component c, fmi2Boolean no_rollback, fmi2Boolean *enter, fmi2Boolean *terminate)
+NO_EXCHANGE(CompletedIntegratorStep, fmi2Component c, fmi2Boolean no_rollback, fmi2Boolean *enter,
+            fmi2Boolean *terminate)
 NO_EXCHANGE(SetTime, fmi2Component c, fmi2Real time)
 NO_EXCHANGE(SetContinuousStates, fmi2Component c, const fmi2Real x[], size_t n)
 NO_EXCHANGE(GetContinuousStates, fmi2Component c, fmi2Real x[], size_t n)

@@ -8,12 +8,8 @@ This module and the declaration layer travel inside the FMU, under a package nam
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
-import sys
-import threading
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
@@ -38,6 +34,8 @@ from ..contract import (
     WARNING,
 )
 from ..interface import Variable, gap_rules, ordered_states, scalars, unchecked, variables_of
+from .dual import Dual, plain
+from .integrator import Problem, Progress, Stopped, integrate
 from .ticks import EPSILON, Ticks
 
 CATEGORIES = dict(zip((WARNING, DISCARD, ERROR), contract.CATEGORIES, strict=False))
@@ -60,13 +58,6 @@ class Refusal(Exception):
         super().__init__(self.text)
 
 
-class MissingPackage(Exception):
-    """numpy or scipy cannot be imported; its text is all that is shown."""
-
-    def __repr__(self) -> str:
-        return str(self)
-
-
 @dataclass
 class Memory:
     """All that an instance remembers: its FMU state. The fields mean what they mean in ``core.c``."""
@@ -77,6 +68,7 @@ class Memory:
     time: float = 0.0
     stop: float = math.inf
     tolerance: float = 0.0
+    step: float = 0.0
     steps: int = 0
     count: Ticks = field(default_factory=Ticks)
     counts: list[int] = field(default_factory=lambda: [0] * 5)
@@ -147,8 +139,6 @@ class Instance:
         starts = [variable.start for variable in self.face.variables]
         self.memory = Memory(v=starts, next=[0.0] * len(starts[self.face.states]))
         self.made: Any = None
-        if issubclass(self.kind, Plant) and self.face.n_continuous:
-            self.library = scipy_library(self.kind.__name__)
 
     # What PythonFMU calls
 
@@ -417,7 +407,7 @@ class Instance:
         self.made = None
         return next((rule.text for rule in component.rules() if not rule.condition), "")
 
-    def state(self, values: Sequence[float]) -> Record:
+    def state(self, values: Sequence[Dual | float]) -> Record:
         """The ``State`` of ordered values."""
         typed = with_types(values, self.face.whole_states)
         return self.kind.State(**unflatten(self.kind.State, (typed[i] for i in self.face.to_record)))
@@ -555,77 +545,59 @@ class Instance:
         memory.count.end(samples)
 
     def integrate(self, function: str, end: float) -> None:
-        """Integrate the continuous states to ``end`` with inputs held; discrete ones after each accepted step.
+        """Integrate the continuous states to ``end`` with inputs held; discrete ones follow each accepted step.
 
-        If a step fails, the states are those at the start of the communication step.
+        If it stops early, the states are those of the last accepted step.
         """
         memory, face = self.memory, self.face
         n, component, inputs = face.n_continuous, self.component(), self.input()
         states = list(memory.v[face.states])
 
-        def derivative(t: float, x: Any) -> list[float]:
-            record = self.state([*map(float, x), *states[n:]])
-            return self.states_of(lambda: component.derivative(float(t), record, inputs))[:n]
+        def derivative(t: float, x: Sequence[float]) -> list[float]:
+            record = self.state([*x, *states[n:]])
+            return self.states_of(lambda: component.derivative(t, record, inputs))[:n]
 
-        def update(t: float) -> bool:
-            """Set the discrete states; whether a derivative has changed with them."""
-            record, before, rates = self.state(states), states[n:], derivative(t, states[:n])
-            states[n:] = self.states_of(lambda: component.update(t, record, inputs))[n:]
-            return states[n:] != before and derivative(t, states[:n]) != rates
+        def linear(t: float, x: Sequence[float]) -> tuple[list[float], list[list[float]], list[float]]:
+            seeds = [tuple([1.0 if i == k else 0.0 for i in range(n + 1)]) for k in range(n + 1)]
+            record = self.state([*map(Dual, x, seeds), *states[n:]])
+            try:
+                flat = list(component.derivative(Dual(t, seeds[n]), record, inputs))
+                rates = [flat[i] for i in face.from_record][:n]
+            except (ArithmeticError, ValueError):
+                rates = [math.nan] * n
+            slopes = [rate.slopes if isinstance(rate, Dual) else (0.0,) * (n + 1) for rate in rates]
+            return (
+                [float_of(plain(rate)) for rate in rates],
+                [list(row[:n]) for row in slopes],
+                [row[n] for row in slopes],
+            )
+
+        def accepted(t: float, x: Sequence[float]) -> None:
+            states[:n] = x
+            if len(states) > n:
+                record = self.state(states)
+                states[n:] = self.states_of(lambda: component.update(t, record, inputs))[n:]
 
         if n == 0:
             memory.counts[0] += 1
-            update(end)
+            accepted(end, ())
         else:
-            with self.library.lock, warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # scipy warns of a failure and then reports it
-                self.solve(function, derivative, update if len(states) > n else None, states, end)
+            tolerance = memory.v[face.references["tolerance"]]
+            problem = Problem(derivative, linear, accepted, face.nominals, tolerance, int(LIMITS["ATTEMPTS"]))
+            progress = Progress(memory.step, memory.counts)
+            try:
+                integrate(problem, progress, memory.time, end, states[:n])
+            except Stopped as stopped:
+                memory.time, memory.phase = stopped.time, STEP_FAILED
+                names = [variable.name for variable in face.variables[face.states]]
+                where = "no single state" if stopped.state is None else names[stopped.state]
+                raise Refusal(DISCARD, "STOPPED", function, stopped.time, REASONS[stopped.reason], where) from stopped
+            finally:
+                memory.v[face.states], memory.step = states, progress.step
         memory.v[face.states] = states
 
-    def solve(
-        self,
-        function: str,
-        derivative: Callable[[float, Any], list[float]],
-        update: Callable[[float], bool] | None,
-        states: list[float],
-        end: float,
-    ) -> None:
-        """Advance ``states`` to ``end``; the solver starts again where ``update`` has changed a derivative."""
-        memory, n = self.memory, self.face.n_continuous
-        tolerance = memory.v[self.face.references["tolerance"]]
-        atol = [0.01 * tolerance * nominal for nominal in self.face.nominals]
-        time, steps, solver = memory.time, 0, cast(Any, None)
-        while end - time > 8.0 * EPSILON * abs(end):  # LSODA refuses to go less far than times can be told apart
-            if solver is None:
-                solver = self.library.method(derivative, time, states[:n], end, rtol=tolerance, atol=atol)
-            problem = attempt(solver)
-            steps += 1
-            memory.counts[0] += 1
-            states[:n] = map(float, solver.y)
-            if problem is None and not all(map(math.isfinite, states)):
-                problem = REASONS["NOT_FINITE"]
-            if problem is None and steps >= LIMITS["ATTEMPTS"]:
-                problem = REASONS["TOO_MANY_STEPS"]
-            if problem is not None:
-                memory.phase = STEP_FAILED
-                rates = derivative(solver.t, states[:n])
-                names = [variable.name for variable in self.face.variables[self.face.states]]
-                wrong = [name for name, rate in zip(names, rates, strict=False) if not math.isfinite(rate)]
-                where = wrong[0] if wrong else "no single state"
-                raise Refusal(DISCARD, "STOPPED", function, solver.t, problem, where)
-            time = end if solver.status == "finished" else float(solver.t)
-            again = update is not None and update(time)
-            if again or time >= end:
-                self.count(solver)
-                solver = None
 
-    def count(self, solver: Any) -> None:
-        """Add a solver's counters; scipy does not tell rejected steps."""
-        for place, number in ((2, solver.nfev), (3, solver.njev), (4, solver.nlu)):
-            self.memory.counts[place] += int(number)
-
-
-def with_types(values: Sequence[float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
+def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
     """Values as equations see them: those of ``whole`` places are no floats."""
     if not whole:
         return values
@@ -638,37 +610,11 @@ def with_types(values: Sequence[float], whole: Sequence[tuple[int, Variable]]) -
 def numbers(call: Callable[[], Any], n: int) -> list[float]:
     """The values of the record that ``call`` gives; not-a-numbers where Python refuses to compute them."""
     try:
-        return [value if isinstance(value, float) else float(value) for value in cast(Iterable[Any], call())]
+        return [value if isinstance(value, float) else float_of(value) for value in cast(Iterable[Any], call())]
     except (ArithmeticError, ValueError):
         return [math.nan] * n
 
 
-def attempt(solver: Any) -> str | None:
-    """One accepted step of a solver; what went wrong if it has none."""
-    try:
-        return solver.step()
-    except (ArithmeticError, ValueError):
-        return REASONS["NOT_FINITE"]
-
-
-class Library(NamedTuple):
-    """What is needed of scipy."""
-
-    method: Any
-    lock: Any
-    """Older versions keep the state of LSODA in one place of the process: one integration at a time."""
-
-
-def scipy_library(name: str) -> Library:
-    """scipy's LSODA: of its stiff methods the one that starts cheapest, for inputs jump at every step."""
-    try:
-        importlib.import_module("numpy")
-        integrate = importlib.import_module("scipy.integrate")
-    except ImportError as error:
-        version = ".".join(str(number) for number in sys.version_info[:3])
-        raise MissingPackage(
-            f"fmi2Instantiate: {name} needs numpy and scipy, but {error} in Python {version} ({sys.prefix}). Install "
-            "them there with 'pip install numpy scipy', run the importer with a Python that has them, or take the "
-            "native FMU."
-        ) from None
-    return Library(integrate.LSODA, vars(integrate).setdefault("_motion_cosim_lock", threading.Lock()))
+def float_of(value: Any) -> float:
+    """A number as float; not-a-number for a root or power of a negative value, which is complex in Python."""
+    return math.nan if isinstance(value, complex) else float(value)

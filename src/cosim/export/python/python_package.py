@@ -10,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import inspect
+import sys
 from pathlib import Path
 
 from ...errors import CosimError
 from ...model import Component
-from ..source_files import component_origin, needed_files, relative_imports
+from ..source_files import component_origin, imported_modules, needed_files, relative_imports
 
 PACKAGE = "motion_cosim"
 PROXY = Path(__file__).with_name("proxy.c")
@@ -23,10 +24,8 @@ BINARIES = {"linux64": "libpythonfmu-export.so", "win64": "pythonfmu-export.dll"
 DECLARATION = (
     "errors.py",
     "model.py",
-    "export/contract.py",
-    "export/interface.py",
-    "export/python/python_instance.py",
-    "export/python/ticks.py",
+    *(f"export/{name}.py" for name in ("contract", "interface")),
+    *(f"export/python/{name}.py" for name in ("dual", "integrator", "python_instance", "ticks")),
 )
 PYTHONFMU = ("_version.py", "default_experiment.py", "enums.py", "fmi2slave.py", "logmsg.py", "variables.py")
 
@@ -97,6 +96,18 @@ class Instance(_Instance, Fmi2Slave):
 '''
 
 
+_DEPENDENCIES = """\
+External dependencies of {name} (FMI 2.0.4, section 2.2)
+
+Python: 3.11 or later, 64 bit.
+  In an importer that is a Python process, that Python is used.
+  In other importers the FMU loads the library of a Python itself, once in a process: the file that the environment
+  variable COSIM_LIBPYTHON names, else the newest libpython3.x (on Windows python3.dll) that the system finds.
+Python packages: {packages}.
+PythonFMU: its library and the files it needs are in the FMU.
+"""
+
+
 class EmbedError(CosimError):
     """A component's files cannot be put into a Python FMU."""
 
@@ -116,6 +127,19 @@ def library(platform: str) -> bytes:
             f"PythonFMU has no library for {platform}, only for {', '.join(BINARIES)}. Build the native flavour."
         )
     return (pythonfmu() / "resources" / "binaries" / platform / BINARIES[platform]).read_bytes()
+
+
+def external_dependencies(kind: type[Component]) -> str:
+    """documentation/externalDependencies.txt of FMI 2.0.4: what has to be there where the FMU runs."""
+    where = component_origin(kind)
+    local = needed_files(where, Path(inspect.getfile(kind)))
+    used = {name.partition(".")[0] for module, path in local.items() for name in imported_modules(path, module)}
+    known = {"cosim", "__future__", *(module.partition(".")[0] for module in local), *sys.stdlib_module_names}
+    packages = sorted(name for name in used - known if name)
+    return _DEPENDENCIES.format(
+        name=kind.__name__,
+        packages=", ".join(packages) + ", importable in that Python" if packages else "none",
+    )
 
 
 def resources(kind: type[Component]) -> dict[str, bytes]:

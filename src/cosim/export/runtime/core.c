@@ -47,18 +47,18 @@ typedef struct {
 
 typedef struct {
     double v[N_VARIABLES];
-    double next[AT_LEAST_1(N_STATES)];      /* controller: state of the next sample, valid while sampled */
-    double c[AT_LEAST_1(N_CONSTANTS)];      /* derived from parameters */
-    double start;                           /* s */
-    double time;                            /* s, reached by the last step */
-    double stop;                            /* s, infinite if not defined */
-    double tolerance;                       /* of the experiment, 0 if not defined */
-    unsigned long long steps;               /* communication steps taken */
-    unsigned long long sample;              /* controller: index of the next sampling instant */
-    double origin;                          /* controller: the importer's time at sample 0, s */
-    double per_sample;                      /* controller: ticks that make T_s, 0 while time decides */
-    double ahead;                           /* controller: ticks to the next sampling instant, valid if per_sample > 0 */
-    Fraction fraction;                      /* controller: of the last step */
+    double next[AT_LEAST_1(N_STATES)]; /* controller: state of the next sample, valid while sampled */
+    double c[AT_LEAST_1(N_CONSTANTS)]; /* derived from parameters */
+    double start;                      /* s */
+    double time;                       /* s, reached by the last step */
+    double stop;                       /* s, infinite if not defined */
+    double tolerance;                  /* of the experiment, 0 if not defined */
+    long long steps;                   /* communication steps taken */
+    long long sample;                  /* controller: index of the next sampling instant */
+    double origin;                     /* controller: the importer's time at sample 0, s */
+    double per_sample;                 /* controller: ticks that make T_s, 0 while time decides */
+    double ahead;                      /* controller: ticks to the next sampling instant, valid if per_sample > 0 */
+    Fraction fraction;                 /* controller: of the last step */
     Integrator integrator;
     int variant;
     int phase;
@@ -66,7 +66,8 @@ typedef struct {
     int parameters_dirty; /* constants, variant and (before the first step) the initial state are to be computed */
     int outputs_dirty;
     int derivatives_dirty;
-    int sampled;          /* controller: outputs and next belong to the inputs at the coming sampling instant */
+    int sampled; /* controller: outputs and next belong to the inputs at the coming sampling instant */
+    int finite;  /* states and outputs are, as they were computed last */
 } State;
 
 typedef struct {
@@ -138,7 +139,8 @@ static const Variant *variant(const State *s) { return &variants[s->variant]; }
 static int variant_index(const double *p) {
     int index = 0;
 #if N_CHOICES > 0
-    for (int i = 0; i < N_CHOICES; i++) index = index * choices[i].count + (int)p[choices[i].parameter] - choices[i].first;
+    for (int i = 0; i < N_CHOICES; i++)
+        index = index * choices[i].count + (int)p[choices[i].parameter] - choices[i].first;
 #else
     (void)p;
 #endif
@@ -149,8 +151,7 @@ static void refresh_parameters(State *s) {
     if (!s->parameters_dirty) return;
     s->variant = variant_index(parameters(s));
     variant(s)->constants(s->time, NULL, NULL, parameters(s), NULL, s->c);
-    if (s->phase & BEFORE)
-        variant(s)->initial(s->start, NULL, NULL, parameters(s), NULL, states(s));
+    if (s->phase & BEFORE) variant(s)->initial(s->start, NULL, NULL, parameters(s), NULL, states(s));
     s->parameters_dirty = 0;
 }
 
@@ -166,87 +167,22 @@ static int broken_rule(State *s) {
     return -1;
 }
 
+/* Index of the first value that is not finite, else -1. */
+static int not_finite(const double *x, int n) {
+    int bad = 0;
+    for (int i = 0; i < n; i++) bad |= !(fabs(x[i]) <= DBL_MAX); /* without a branch: almost always all are */
+    if (!bad) return -1;
+    for (int i = 0; i < n; i++)
+        if (!isfinite(x[i])) return i;
+    return -1;
+}
+
 #if KIND == CONTROLLER
-static double sampling_time(const State *s) { return s->v[PARAMETER_T_S]; }
-/* The time of the next sample, for the equations. */
-static double sample_time(const State *s) { return s->start + (double)s->sample * sampling_time(s); }
-/* The next sampling instant as the importer's clock shows it, or the one so many behind it. */
-static double instant_ahead(const State *s, double n) { return s->origin + ((double)s->sample + n) * sampling_time(s); }
-static double sampling_instant(const State *s) { return instant_ahead(s, 0.0); }
-/* Two times are one sampling instant if they differ by rounding only. */
-static double same_instant(const State *s) {
-    const double rounding = 1e-6 * sampling_time(s) + 8.0 * DBL_EPSILON * fabs(s->time);
-    return rounding < 0.25 * sampling_time(s) ? rounding : 0.25 * sampling_time(s);
-}
-
-static int at_sampling_instant(const State *s) {
-    if (s->per_sample > 0.0) return s->ahead <= SAME_TICK;
-    return fabs(s->time - sampling_instant(s)) <= same_instant(s);
-}
-
-/* The simplest fraction of the sampling time T_s that a step is to within ``slack`` (s): the first such convergent of
-   its continued fraction. There is none if a number chosen at random would have one, too (in more than 1 of 100 cases). */
-static Fraction fraction_of(double step, double T_s, double slack) {
-    const double most = fmin(MOST_PER_SAMPLE, sqrt(0.01 * T_s / slack));
-    Fraction found = {step, 0.0, 0.0};
-    double rest = step / T_s, p = 1.0, p_last = 0.0, q = 0.0, q_last = 1.0;
-    for (;;) {
-        const double whole = floor(rest), p_next = whole * p + p_last, q_next = whole * q + q_last;
-        if (!(p_next <= MOST_TICKS && q_next <= most)) return found; /* also if not a number */
-        p_last = p;
-        p = p_next;
-        q_last = q;
-        q = q_next;
-        if (p >= 1.0 && fabs(p * T_s - q * step) <= q * slack) {
-            found.ticks = p;
-            found.per_sample = q;
-            return found;
-        }
-        rest = 1.0 / (rest - whole);
-    }
-}
-
-static double whole_if_near(double number, double slack) {
-    const double whole = floor(number + 0.5);
-    return fabs(number - whole) <= slack ? whole : number;
-}
-
-/* Bring the count of ticks to the beginning of a step. An importer may add up its time, t += h: in a long run the sum
-   drifts from k*h by many samples. So where a step is a fraction of T_s, ticks decide what is sampled, and the instants
-   move with the importer's clock; elsewhere time decides. */
-static void count_ticks(State *s, double step, double end) {
-    const double T_s = sampling_time(s);
-    /* the difference of two times is only as exact as these are */
-    const int difference = end - s->time == step;
-    if (step != s->fraction.step || (difference && s->fraction.per_sample == 0.0))
-        s->fraction = fraction_of(step, T_s, DBL_EPSILON * (32.0 * step + (difference ? 2.0 * fabs(end) : 0.0)));
-    if (s->per_sample > 0.0) {
-        const double drift = s->time + s->ahead / s->per_sample * T_s - sampling_instant(s);
-        if (fabs(drift) > 0.5 * same_instant(s)) s->origin += drift;
-    }
-    if (s->fraction.per_sample != s->per_sample) {
-        const double n = s->fraction.per_sample;
-        if (s->per_sample > 0.0) s->ahead = whole_if_near(s->ahead / s->per_sample * n, SAME_TICK);
-        else
-            s->ahead = fmax(0.0, whole_if_near((sampling_instant(s) - s->time) / T_s * n, same_instant(s) / T_s * n));
-        s->per_sample = n;
-    }
-}
-
-/* The number of samples of the step to ``end``: those at its beginning and within it, not the one at its end. */
-static double samples_due(const State *s, double end) {
-    const double last = s->per_sample > 0.0 ? s->fraction.ticks - SAME_TICK : end - same_instant(s);
-    double n;
-    if (s->per_sample > 0.0) return s->ahead < last ? (double)(long)((last - s->ahead) / s->per_sample) + 1.0 : 0.0;
-    n = fmax(0.0, ceil((last - sampling_instant(s)) / sampling_time(s)));
-    if (n > MAX_SAMPLES) return n;
-    while (n > 0.0 && instant_ahead(s, n - 1.0) >= last) n -= 1.0;
-    while (instant_ahead(s, n) < last) n += 1.0;
-    return n;
-}
+#include "sampling.c"
 
 static void take_sample(State *s, double t) {
     variant(s)->sample(t, states(s), inputs(s), parameters(s), s->c, outputs(s), s->next);
+    s->finite = not_finite(outputs(s), N_OUTPUTS) < 0 && not_finite(s->next, N_STATES) < 0;
     s->sampled = 1;
     s->outputs_dirty = 0;
 }
@@ -260,6 +196,7 @@ static void refresh(State *s, int derivatives) {
         if (at_sampling_instant(s)) take_sample(s, sample_time(s));
 #else
         variant(s)->output(s->time, states(s), inputs(s), parameters(s), s->c, outputs(s));
+        s->finite = not_finite(states(s), N_STATES + N_OUTPUTS) < 0;
 #endif
         s->outputs_dirty = 0;
     }
@@ -276,16 +213,6 @@ static void refresh(State *s, int derivatives) {
 static void touch(State *s) {
     s->outputs_dirty = s->derivatives_dirty = 1;
     s->sampled = 0;
-}
-
-/* Index of the first value that is not finite, else -1. */
-static int not_finite(const double *x, int n) {
-    double zero = 0.0;
-    for (int i = 0; i < n; i++) zero += 0.0 * x[i];
-    if (zero == 0.0) return -1;
-    for (int i = 0; i < n; i++)
-        if (!isfinite(x[i])) return i;
-    return -1;
 }
 
 /* ---- life cycle ---- */
@@ -346,8 +273,8 @@ static unsigned named_categories(Instance *instance, size_t n, const char *const
     return categories;
 }
 
-static int set_up(Instance *instance, int tolerance_defined, double tolerance, double start, int stop_defined, double stop,
-                  const char *function) {
+static int set_up(Instance *instance, int tolerance_defined, double tolerance, double start, int stop_defined,
+                  double stop, const char *function) {
     if (!isfinite(start) || (stop_defined && !(isfinite(stop) && stop > start))) {
         say(instance, ERROR, SAY_WRONG_TIMES, function, start, stop_defined ? stop : start);
         return fail(instance);
@@ -368,8 +295,8 @@ static void enter_initialization(Instance *instance) {
     instance->s.phase = INITIALIZATION;
 #if KIND == PLANT
     if (instance->s.tolerance > 0.0 && !instance->s.tolerance_set)
-        instance->s.v[PARAMETER_TOLERANCE] = fmin(fmax(instance->s.tolerance, variables[PARAMETER_TOLERANCE].min),
-                                                  variables[PARAMETER_TOLERANCE].max);
+        instance->s.v[PARAMETER_TOLERANCE] =
+            fmin(fmax(instance->s.tolerance, variables[PARAMETER_TOLERANCE].min), variables[PARAMETER_TOLERANCE].max);
 #endif
 }
 
@@ -441,8 +368,10 @@ static int refused(Instance *instance, unsigned reference, double value, const c
     const int before = instance->s.phase & BEFORE;
     double kept;
     if (variable->role != INPUT && variable->role != TUNABLE && !(variable->role == FIXED && before)) {
-        if (variable->role == FIXED) say(instance, ERROR, SAY_FIXED, function, variable->name);
-        else say(instance, ERROR, SAY_COMPUTED, function, variable->name);
+        if (variable->role == FIXED)
+            say(instance, ERROR, SAY_FIXED, function, variable->name);
+        else
+            say(instance, ERROR, SAY_COMPUTED, function, variable->name);
         return fail(instance);
     }
     if (variable->role == TUNABLE && instance->s.phase == CONTINUOUS_TIME) {
@@ -514,143 +443,7 @@ static int discard_result(Instance *instance, unsigned reference, const char *fu
 
 /* ---- FMU state ---- */
 
-/* What an importer gets as FMU state, and as its bytes. The layout belongs to this binary; the guid tells another one. */
-typedef struct {
-    char guid[40];
-    unsigned version;
-    int model_exchange;
-    unsigned long long size;
-    State s;
-    unsigned long long checksum; /* of all before it, in bytes only */
-} Saved;
-#define STATE_VERSION 2u
-typedef char saved_has_no_gap[sizeof(Saved) == offsetof(Saved, checksum) + sizeof(unsigned long long) ? 1 : -1];
-
-/* FNV-1a over words. A word that differs gives another sum for certain, for all that follows is one to one. */
-static unsigned long long checksum(const Saved *saved) {
-    unsigned long long sum = 14695981039346656037ull, word;
-    for (size_t i = 0; i < offsetof(Saved, checksum); i += sizeof word) {
-        memcpy(&word, (const char *)saved + i, sizeof word);
-        sum = (sum ^ word) * 1099511628211ull;
-    }
-    return sum;
-}
-
-/* Whether a state was made by this FMU, and can be gone on with: its bytes may come from anywhere. */
-static int is_own(const Saved *saved) {
-    return strncmp(saved->guid, MODEL_GUID, sizeof saved->guid) == 0 && saved->version == STATE_VERSION &&
-           saved->size == sizeof *saved;
-}
-
-static int is_sound(const State *s) {
-    const Fraction *fraction = &s->fraction;
-    if (s->phase < INSTANTIATED || s->phase > CONTINUOUS_TIME || s->phase & (s->phase - 1)) return 0;
-    for (int i = 0; i < STATE_0; i++) {
-        const Variable *variable = &variables[i];
-        if (!(isfinite(s->v[i]) && s->v[i] >= variable->min && s->v[i] <= variable->max)) return 0;
-        if (variable->type != REAL && !(fabs(s->v[i]) <= 2147483647.0)) return 0;
-    }
-    if (!s->parameters_dirty && s->variant != variant_index(s->v)) return 0;
-    if (!isfinite(s->start) || !isfinite(s->time) || !isfinite(s->origin) || !(s->stop > s->start)) return 0;
-    if (!(isfinite(s->tolerance) && s->tolerance >= 0.0)) return 0;
-    if (!(s->per_sample == 0.0 || (s->per_sample >= 1.0 && s->per_sample <= MOST_PER_SAMPLE))) return 0;
-    if (!(s->ahead >= 0.0 && s->ahead <= MOST_TICKS)) return 0;
-    if (!(fraction->per_sample == 0.0 || (fraction->per_sample >= 1.0 && fraction->per_sample <= MOST_PER_SAMPLE))) return 0;
-    if (!(fraction->ticks >= 0.0 && fraction->ticks <= MOST_TICKS)) return 0;
-    return isfinite(s->integrator.step) && s->integrator.failing >= -1 && s->integrator.failing < AT_LEAST_1(N_CONTINUOUS);
-}
-
-/* Memory for a state where *saved points to none yet. */
-static Saved *memory_for(Instance *instance, void **saved, const char *function) {
-    Saved *copy = *saved ? *saved : calloc(1, sizeof *copy);
-    if (!copy) {
-        say(instance, ERROR, SAY_OUT_OF_MEMORY, function);
-        fail(instance);
-    }
-    return copy;
-}
-
-static int save_state(Instance *instance, void **saved, const char *function) {
-    Saved *copy;
-    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function)) return ERROR;
-    copy = memory_for(instance, saved, function);
-    if (!copy) return ERROR;
-    memset(copy, 0, sizeof *copy);
-    strncpy(copy->guid, MODEL_GUID, sizeof copy->guid - 1);
-    copy->version = STATE_VERSION;
-    copy->size = sizeof *copy;
-    copy->model_exchange = instance->model_exchange;
-    memcpy(&copy->s, &instance->s, sizeof copy->s);
-    *saved = copy;
-    return OK;
-}
-
-static int restore_state(Instance *instance, const Saved *saved, const char *function) {
-    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function)) return ERROR;
-    if (!is_own(saved) || !is_sound(&saved->s)) {
-        say(instance, ERROR, SAY_NO_STATE, function, MODEL_NAME);
-        return fail(instance);
-    }
-    if (saved->model_exchange != instance->model_exchange) {
-        say(instance, ERROR, SAY_OTHER_KIND, function, instance->model_exchange ? "co-simulation" : "model exchange");
-        return fail(instance);
-    }
-    memcpy(&instance->s, &saved->s, sizeof instance->s);
-    instance->s.variant = variant_index(instance->s.v);
-    return OK;
-}
-
-static int free_state(Instance *instance, void **saved, const char *function) {
-    if (illegal(instance, MAY_HANDLE_STATE, function)) return ERROR;
-    if (!saved) return OK;
-    free(*saved);
-    *saved = NULL;
-    return OK;
-}
-
-static int state_size(Instance *instance, const void *saved, size_t *size, const char *function) {
-    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function) || missing(instance, size, 1, function))
-        return ERROR;
-    *size = sizeof(Saved);
-    return OK;
-}
-
-static int serialize_state(Instance *instance, const void *saved, void *bytes, size_t size, const char *function) {
-    unsigned long long sum;
-    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function) ||
-        missing(instance, bytes, size, function))
-        return ERROR;
-    if (size < sizeof(Saved)) {
-        say(instance, ERROR, SAY_FEW_BYTES, function, (unsigned long)size, (unsigned long)sizeof(Saved));
-        return fail(instance);
-    }
-    sum = checksum(saved);
-    memcpy(bytes, saved, sizeof(Saved));
-    memcpy((char *)bytes + offsetof(Saved, checksum), &sum, sizeof sum);
-    return OK;
-}
-
-static int deserialize_state(Instance *instance, const void *bytes, size_t size, void **saved, const char *function) {
-    Saved found, *copy;
-    if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, bytes, size, function) ||
-        missing(instance, saved, 1, function))
-        return ERROR;
-    if (size >= sizeof found) memcpy(&found, bytes, sizeof found);
-    if (size < sizeof found || !is_own(&found)) {
-        say(instance, ERROR, SAY_NO_STATE_BYTES, function, (unsigned long)size);
-        return fail(instance);
-    }
-    if (found.checksum != checksum(&found) || !is_sound(&found.s)) {
-        say(instance, ERROR, SAY_DAMAGED_BYTES, function, (unsigned long)size);
-        return fail(instance);
-    }
-    copy = memory_for(instance, saved, function);
-    if (!copy) return ERROR;
-    memcpy(copy, &found, sizeof *copy);
-    copy->checksum = 0;
-    *saved = copy;
-    return OK;
-}
+#include "state.c"
 
 /* ---- derivatives ---- */
 
@@ -684,8 +477,9 @@ static void partial_derivatives(State *s, double *partials) {
 #endif
 }
 
-static int directional_derivative(Instance *instance, const unsigned unknowns[], size_t n_unknown, const unsigned knowns[],
-                                  size_t n_known, const double seed[], double result[], const char *function) {
+static int directional_derivative(Instance *instance, const unsigned unknowns[], size_t n_unknown,
+                                  const unsigned knowns[], size_t n_known, const double seed[], double result[],
+                                  const char *function) {
     double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
     double direction[AT_LEAST_1(N_KNOWN)] = {0.0};
     if (illegal(instance, MAY_DIFFERENTIATE, function) || missing(instance, unknowns, n_unknown, function) ||
@@ -751,7 +545,8 @@ static int set_time(Instance *instance, double time, const char *function) {
 
 static int set_continuous_states(Instance *instance, const double x[], size_t n, const char *function) {
     int i;
-    if (illegal(instance, MAY_SET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_SET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function))
+        return ERROR;
     i = not_finite(x, N_CONTINUOUS);
     if (i >= 0) {
         say(instance, DISCARD, SAY_STATES_NOT_FINITE, function, variables[STATE_0 + i].name, x[i]);
@@ -763,7 +558,8 @@ static int set_continuous_states(Instance *instance, const double x[], size_t n,
 }
 
 static int continuous_states(Instance *instance, double x[], size_t n, const char *function) {
-    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, x, n, N_CONTINUOUS, function))
+        return ERROR;
     refresh_parameters(&instance->s);
     for (int i = 0; i < N_CONTINUOUS; i++) x[i] = states(&instance->s)[i];
     return OK;
@@ -772,7 +568,9 @@ static int continuous_states(Instance *instance, double x[], size_t n, const cha
 static int state_derivatives(Instance *instance, double derivatives[], size_t n, const char *function) {
     State *s;
     int i;
-    if (illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, derivatives, n, N_CONTINUOUS, function)) return ERROR;
+    if (illegal(instance, MAY_GET_CONTINUOUS, function) ||
+        wrong_length(instance, derivatives, n, N_CONTINUOUS, function))
+        return ERROR;
     s = &instance->s;
     s->integrator.derivatives += s->derivatives_dirty != 0;
     refresh(s, 1);
@@ -785,7 +583,8 @@ static int state_derivatives(Instance *instance, double derivatives[], size_t n,
 
 /* There are none. */
 static int event_indicators(Instance *instance, const double indicators[], size_t n, const char *function) {
-    return illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, indicators, n, 0, function) ? ERROR : OK;
+    return illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, indicators, n, 0, function) ? ERROR
+                                                                                                                 : OK;
 }
 
 static int state_nominals(Instance *instance, double values[], size_t n, const char *function) {
@@ -805,8 +604,15 @@ static int advance(Instance *instance, double step, double end, const char *func
                                           [INTEGRATE_TOO_MANY_STEPS] = REASON_TOO_MANY_STEPS,
                                           [INTEGRATE_NOT_FINITE] = REASON_NOT_FINITE};
     State *s = &instance->s;
-    Problem problem = {variant(s)->derivative, variant(s)->jacobian, N_STATES > N_CONTINUOUS ? variant(s)->update : NULL,
-                       inputs(s), parameters(s), s->c, nominals, s->v[PARAMETER_TOLERANCE], MAX_ATTEMPTS};
+    Problem problem = {variant(s)->derivative,
+                       variant(s)->jacobian,
+                       N_STATES > N_CONTINUOUS ? variant(s)->update : NULL,
+                       inputs(s),
+                       parameters(s),
+                       s->c,
+                       nominals,
+                       s->v[PARAMETER_TOLERANCE],
+                       MAX_ATTEMPTS};
     const int code = integrate(&problem, &s->integrator, s->time, end, states(s));
     (void)step;
     if (code == INTEGRATE_OK) {
@@ -831,13 +637,11 @@ static int advance(Instance *instance, double step, double end, const char *func
         return UNFINISHED;
     }
     for (long left = (long)n; left > 0; left--) {
-        int output, state;
         if (!s->sampled) take_sample(s, sample_time(s));
-        output = not_finite(outputs(s), N_OUTPUTS);
-        state = not_finite(s->next, N_STATES);
-        if (output >= 0 || state >= 0) {
-            say(instance, UNFINISHED, SAY_SAMPLE_NOT_FINITE, function,
-                variables[output >= 0 ? OUTPUT_0 + output : STATE_0 + state].name, sampling_instant(s));
+        if (!s->finite) {
+            const int output = not_finite(outputs(s), N_OUTPUTS);
+            const int reference = output >= 0 ? OUTPUT_0 + output : STATE_0 + not_finite(s->next, N_STATES);
+            say(instance, UNFINISHED, SAY_SAMPLE_NOT_FINITE, function, variables[reference].name, sampling_instant(s));
             s->time = fmax(s->time, sampling_instant(s));
             s->phase = STEP_FAILED;
             return UNFINISHED;
@@ -863,7 +667,6 @@ static int advance(Instance *instance, double step, double end, const char *func
 static int steppable(Instance *instance, double time, double step, const char *function) {
     const State *s = instance ? &instance->s : NULL;
     const double end = time + step;
-    double rounding;
     if (illegal(instance, MAY_STEP, function)) return 0;
     if (!(isfinite(step) && step > 0.0 && !isinf(end))) {
         say(instance, ERROR, SAY_STEP_SIZE, function, step);
@@ -876,8 +679,7 @@ static int steppable(Instance *instance, double time, double step, const char *f
         return 0;
     }
     /* the time of an importer that adds up may be off by the rounding of each sum */
-    rounding = (8.0 + (double)s->steps) * DBL_EPSILON * fabs(s->stop);
-    if (end > s->stop + 1e-6 * step + rounding) {
+    if (end > s->stop && end > s->stop + 1e-6 * step + (8.0 + (double)s->steps) * DBL_EPSILON * fabs(s->stop)) {
         say(instance, ERROR, SAY_BEHIND_STOP, function, end, s->stop);
         fail(instance);
         return 0;
@@ -897,11 +699,9 @@ static int step_to(Instance *instance, double time, double step, const char *fun
 #else
     s->outputs_dirty = s->derivatives_dirty = 1;
     if (status == OK) {
-        int i;
         refresh(s, 0);
-        i = not_finite(outputs(s), N_OUTPUTS);
-        if (i >= 0) {
-            say(instance, UNFINISHED, SAY_RESULT_NOT_FINITE, function, variables[OUTPUT_0 + i].name, s->time);
+        if (!s->finite) {
+            say(instance, UNFINISHED, SAY_RESULT_NOT_FINITE, function, variables[not_finite_result(s)].name, s->time);
             s->time = time; /* the last one that was successful */
             s->phase = STEP_FAILED;
             return UNFINISHED;

@@ -96,19 +96,18 @@ FMI2_EXPORT fmi2Status fmi2Reset(fmi2Component c) {
 
 /* ---- values ---- */
 
-FMI2_EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2Real values[]) {
+FMI2_EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], size_t n,
+                                   fmi2Real values[]) {
     Instance *instance = c;
 #if PLAIN_OUTPUTS /* what happens at every step, in one pass */
     if (instance && references && values && instance->s.phase & EVALUATED) {
-        double zero = 0.0; /* as long as all are finite */
         size_t i = 0;
         refresh(&instance->s, 0);
         while (i < n && references[i] - STATE_0 < N_STATES + N_OUTPUTS) {
             values[i] = instance->s.v[references[i]];
-            zero += 0.0 * values[i];
             i++;
         }
-        if (i == n && zero == 0.0) return fmi2OK;
+        if (i == n && instance->s.finite) return fmi2OK;
     }
 #endif
     if (prepare_get(instance, references, n, values, REAL, "fmi2GetReal")) return fmi2Error;
@@ -140,7 +139,8 @@ FMI2_EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference 
     return fmi2OK;
 }
 
-FMI2_EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2String values[]) {
+FMI2_EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference references[], size_t n,
+                                     fmi2String values[]) {
     return prepare_get(c, references, n, values, STRING, "fmi2GetString") ? fmi2Error : fmi2OK;
 }
 
@@ -160,7 +160,8 @@ FMI2_EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference ref
     }
 #endif
     if (prepare_set(instance, references, n, values, REAL, "fmi2SetReal")) return fmi2Error;
-    for (; i < n && status != ERROR; i++) status = worse(status, set(instance, references[i], values[i], "fmi2SetReal"));
+    for (; i < n && status != ERROR; i++)
+        status = worse(status, set(instance, references[i], values[i], "fmi2SetReal"));
     return status;
 }
 
@@ -194,8 +195,10 @@ enum { INPUT_DERIVATIVES, OUTPUT_DERIVATIVES };
 static fmi2Status not_offered(Instance *instance, int phases, size_t n, int what, const char *function) {
     if (illegal(instance, phases, function)) return fmi2Error;
     if (n == 0) return fmi2OK;
-    if (what == INPUT_DERIVATIVES) say(instance, ERROR, SAY_NO_INPUT_DERIVATIVES, function);
-    else say(instance, ERROR, SAY_NO_OUTPUT_DERIVATIVES, function);
+    if (what == INPUT_DERIVATIVES)
+        say(instance, ERROR, SAY_NO_INPUT_DERIVATIVES, function);
+    else
+        say(instance, ERROR, SAY_NO_OUTPUT_DERIVATIVES, function);
     return fail(instance);
 }
 
@@ -237,16 +240,18 @@ FMI2_EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate saved
     return serialize_state(c, saved, bytes, size, "fmi2SerializeFMUstate");
 }
 
-FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *saved) {
+FMI2_EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
+                                               fmi2FMUstate *saved) {
     return deserialize_state(c, bytes, size, saved, "fmi2DeSerializeFMUstate");
 }
 
 /* ---- derivatives ---- */
 
-FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t n_unknown,
-                                                    const fmi2ValueReference knowns[], size_t n_known,
+FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[],
+                                                    size_t n_unknown, const fmi2ValueReference knowns[], size_t n_known,
                                                     const fmi2Real seed[], fmi2Real result[]) {
-    return directional_derivative(c, unknowns, n_unknown, knowns, n_known, seed, result, "fmi2GetDirectionalDerivative");
+    return directional_derivative(c, unknowns, n_unknown, knowns, n_known, seed, result,
+                                  "fmi2GetDirectionalDerivative");
 }
 
 /* ---- model exchange ---- */
@@ -265,14 +270,15 @@ FMI2_EXPORT fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
 /* There are no events: inputs may jump at any event mode. */
 FMI2_EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     Instance *instance = c;
-    if (illegal(instance, MAY_UPDATE_DISCRETE_STATES, "fmi2NewDiscreteStates") || missing(instance, info, 1, "fmi2NewDiscreteStates"))
+    if (illegal(instance, MAY_UPDATE_DISCRETE_STATES, "fmi2NewDiscreteStates") ||
+        missing(instance, info, 1, "fmi2NewDiscreteStates"))
         return fmi2Error;
     memset(info, 0, sizeof *info);
     return fmi2OK;
 }
 
-FMI2_EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_rollback, fmi2Boolean *enter_event_mode,
-                                                   fmi2Boolean *terminate) {
+FMI2_EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_rollback,
+                                                   fmi2Boolean *enter_event_mode, fmi2Boolean *terminate) {
     static const char function[] = "fmi2CompletedIntegratorStep";
     (void)no_rollback;
     if (illegal(c, MAY_COMPLETE_STEP, function) || missing(c, enter_event_mode, 1, function) ||
@@ -320,8 +326,8 @@ FMI2_EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {
 }
 
 /* The only kind of status there is for a type; others are discarded. */
-static fmi2Status only(Instance *instance, fmi2StatusKind kind, fmi2StatusKind known, const void *value, const char *function,
-                       const char *name) {
+static fmi2Status only(Instance *instance, fmi2StatusKind kind, fmi2StatusKind known, const void *value,
+                       const char *function, const char *name) {
     if (illegal(instance, MAY_ASK_STATUS, function) || missing(instance, value, 1, function)) return fmi2Error;
     if (kind == known) return fmi2OK;
     say(instance, DISCARD, SAY_ONLY_STATUS, function, name);
@@ -330,7 +336,8 @@ static fmi2Status only(Instance *instance, fmi2StatusKind kind, fmi2StatusKind k
 
 FMI2_EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
     Instance *instance = c;
-    const fmi2Status status = only(c, kind, fmi2LastSuccessfulTime, value, "fmi2GetRealStatus", "fmi2LastSuccessfulTime");
+    const fmi2Status status =
+        only(c, kind, fmi2LastSuccessfulTime, value, "fmi2GetRealStatus", "fmi2LastSuccessfulTime");
     if (status == fmi2OK) *value = instance->s.time;
     return status;
 }

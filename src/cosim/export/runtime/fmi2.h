@@ -41,7 +41,7 @@ typedef struct {
     fmi2Real nextEventTime;
 } fmi2EventInfo;
 
-#if defined FMI2_EXPORT /* a program that includes the sources may define it */
+#if defined FMI2_EXPORT            /* a program that includes the sources may define it */
 #elif defined FMI2_FUNCTION_PREFIX /* one of several FMUs in a program */
 #define FMI2_EXPORT
 #elif defined _WIN32

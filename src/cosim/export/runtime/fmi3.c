@@ -39,8 +39,8 @@ FMI3_EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 enum { NOTHING, FOR_CO_SIMULATION_ONLY, NO_EVENT_MODE, NO_INTERMEDIATE_UPDATE, NO_SCHEDULED_EXECUTION };
 
 /* An instance, or NULL with a message, which an importer gets even if logging is off. */
-static Instance *instantiate(const char *name, const char *token, Host host, int model_exchange, int logging, int missed,
-                             const char *function) {
+static Instance *instantiate(const char *name, const char *token, Host host, int model_exchange, int logging,
+                             int missed, const char *function) {
     Instance probe;
     memset(&probe, 0, sizeof probe);
     probe.host = host;
@@ -54,8 +54,8 @@ static Instance *instantiate(const char *name, const char *token, Host host, int
 }
 
 FMI3_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
-                                                     fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean event_mode_used,
-                                                     fmi3Boolean early_return_allowed,
+                                                     fmi3Boolean visible, fmi3Boolean logging,
+                                                     fmi3Boolean event_mode_used, fmi3Boolean early_return_allowed,
                                                      const fmi3ValueReference intermediate[], size_t n_intermediate,
                                                      fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                                      fmi3IntermediateUpdateCallback intermediate_update) {
@@ -82,8 +82,9 @@ FMI3_EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3Strin
 
 FMI3_EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
                                                            fmi3Boolean visible, fmi3Boolean logging,
-                                                           fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
-                                                           fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
+                                                           fmi3InstanceEnvironment environment,
+                                                           fmi3LogMessageCallback log, fmi3ClockUpdateCallback update,
+                                                           fmi3LockPreemptionCallback lock,
                                                            fmi3UnlockPreemptionCallback unlock) {
     const Host host = {environment, log, 0, 0};
     (void)resources;
@@ -155,7 +156,8 @@ FMI3_EXPORT fmi3Status fmi3Reset(fmi3Instance c) {
 /* ---- values ---- */
 
 /* Whether n known variables have n_values elements together; if not it is logged. */
-static int sized(Instance *instance, const fmi3ValueReference references[], size_t n, size_t n_values, const char *function) {
+static int sized(Instance *instance, const fmi3ValueReference references[], size_t n, size_t n_values,
+                 const char *function) {
     size_t expected = 0;
     for (size_t i = 0; i < n; i++) expected += (size_t)lengths[references[i]];
     if (expected == n_values) return 1;
@@ -176,14 +178,15 @@ static int prepare_write(Instance *instance, const fmi3ValueReference references
            !sized(instance, references, n, n_values, function);
 }
 
-FMI3_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[],
-                                      size_t n_values) {
+FMI3_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n,
+                                      fmi3Float64 values[], size_t n_values) {
     Instance *instance = c;
     int status = OK;
     if (prepare_read(instance, references, n, values, n_values, REAL, "fmi3GetFloat64")) return fmi3Error;
     for (size_t i = 0; i < n; i++) {
         const size_t length = (size_t)lengths[references[i]];
-        const double *from = variables[references[i]].role == INDEPENDENT ? &instance->s.time : instance->s.v + references[i];
+        const double *from =
+            variables[references[i]].role == INDEPENDENT ? &instance->s.time : instance->s.v + references[i];
         memcpy(values, from, length * sizeof *values);
         values += length;
         if (status == OK && not_finite(from, (int)length) >= 0)
@@ -205,22 +208,22 @@ FMI3_EXPORT fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r
 }
 
 /* Numbers and Booleans, which are no arrays. */
-#define GET_AND_SET(NAME, type, kind, value)                                                                              \
-    FMI3_EXPORT fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n, type values[],  \
-                                         size_t n_values) {                                                               \
-        Instance *instance = c;                                                                                           \
-        if (prepare_read(instance, references, n, values, n_values, kind, "fmi3Get" #NAME)) return fmi3Error;             \
-        for (size_t i = 0; i < n; i++) values[i] = (type)(value);                                                         \
-        return fmi3OK;                                                                                                    \
-    }                                                                                                                     \
-    FMI3_EXPORT fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n,                 \
-                                         const type values[], size_t n_values) {                                          \
-        Instance *instance = c;                                                                                           \
-        int status = OK;                                                                                                  \
-        if (prepare_write(instance, references, n, values, n_values, kind, "fmi3Set" #NAME)) return fmi3Error;            \
-        for (size_t i = 0; i < n && status != ERROR; i++)                                                                 \
-            status = worse(status, set(instance, references[i], (double)values[i], "fmi3Set" #NAME));                     \
-        return status;                                                                                                    \
+#define GET_AND_SET(NAME, type, kind, value)                                                                   \
+    FMI3_EXPORT fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n,      \
+                                         type values[], size_t n_values) {                                     \
+        Instance *instance = c;                                                                                \
+        if (prepare_read(instance, references, n, values, n_values, kind, "fmi3Get" #NAME)) return fmi3Error;  \
+        for (size_t i = 0; i < n; i++) values[i] = (type)(value);                                              \
+        return fmi3OK;                                                                                         \
+    }                                                                                                          \
+    FMI3_EXPORT fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n,      \
+                                         const type values[], size_t n_values) {                               \
+        Instance *instance = c;                                                                                \
+        int status = OK;                                                                                       \
+        if (prepare_write(instance, references, n, values, n_values, kind, "fmi3Set" #NAME)) return fmi3Error; \
+        for (size_t i = 0; i < n && status != ERROR; i++)                                                      \
+            status = worse(status, set(instance, references[i], (double)values[i], "fmi3Set" #NAME));          \
+        return status;                                                                                         \
     }
 
 GET_AND_SET(Int32, fmi3Int32, INTEGER, instance->s.v[references[i]])
@@ -229,14 +232,14 @@ GET_AND_SET(Boolean, fmi3Boolean, BOOLEAN, instance->s.v[references[i]] != 0.0)
 GET_AND_SET(UInt64, fmi3UInt64, UNSIGNED, counter(&instance->s, references[i] - COUNTER_0))
 
 /* Types of which there are no variables. */
-#define NO_VARIABLES(NAME, type, kind)                                                                                    \
-    FMI3_EXPORT fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n, type values[],  \
-                                         size_t n_values) {                                                               \
-        return prepare_read(c, references, n, values, n_values, kind, "fmi3Get" #NAME) ? fmi3Error : fmi3OK;              \
-    }                                                                                                                     \
-    FMI3_EXPORT fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n,                 \
-                                         const type values[], size_t n_values) {                                          \
-        return prepare_write(c, references, n, values, n_values, kind, "fmi3Set" #NAME) ? fmi3Error : fmi3OK;             \
+#define NO_VARIABLES(NAME, type, kind)                                                                        \
+    FMI3_EXPORT fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n,     \
+                                         type values[], size_t n_values) {                                    \
+        return prepare_read(c, references, n, values, n_values, kind, "fmi3Get" #NAME) ? fmi3Error : fmi3OK;  \
+    }                                                                                                         \
+    FMI3_EXPORT fmi3Status fmi3Set##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n,     \
+                                         const type values[], size_t n_values) {                              \
+        return prepare_write(c, references, n, values, n_values, kind, "fmi3Set" #NAME) ? fmi3Error : fmi3OK; \
     }
 
 NO_VARIABLES(Float32, fmi3Float32, FLOAT32)
@@ -253,13 +256,14 @@ FMI3_EXPORT fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference re
     return prepare_read(c, references, n, values, n_values, BINARY, "fmi3GetBinary") ? fmi3Error : fmi3OK;
 }
 
-FMI3_EXPORT fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference references[], size_t n, const size_t sizes[],
-                                     const fmi3Binary values[], size_t n_values) {
+FMI3_EXPORT fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference references[], size_t n,
+                                     const size_t sizes[], const fmi3Binary values[], size_t n_values) {
     (void)sizes;
     return prepare_write(c, references, n, values, n_values, BINARY, "fmi3SetBinary") ? fmi3Error : fmi3OK;
 }
 
-FMI3_EXPORT fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Clock values[]) {
+FMI3_EXPORT fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference references[], size_t n,
+                                    fmi3Clock values[]) {
     return prepare_read(c, references, n, values, n, CLOCK, "fmi3GetClock") ? fmi3Error : fmi3OK;
 }
 
@@ -269,13 +273,13 @@ FMI3_EXPORT fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference ref
 }
 
 /* A function that these FMUs do not offer: it is an error, with a reason. */
-#define REFUSE(instance, function, text)                               \
-    do {                                                               \
-        if (!illegal(instance, MAY_CALL, function)) {                  \
-            say(instance, ERROR, text, function);                      \
-            fail(instance);                                            \
-        }                                                              \
-        return fmi3Error;                                              \
+#define REFUSE(instance, function, text)              \
+    do {                                              \
+        if (!illegal(instance, MAY_CALL, function)) { \
+            say(instance, ERROR, text, function);     \
+            fail(instance);                           \
+        }                                             \
+        return fmi3Error;                             \
     } while (0)
 #define NOT_OFFERED(NAME, text, ...) \
     FMI3_EXPORT fmi3Status NAME(fmi3Instance c, __VA_ARGS__) { REFUSE(c, #NAME, text); }
@@ -286,8 +290,8 @@ FMI3_EXPORT fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference ref
 #endif
 NOT_OFFERED(fmi3GetIntervalDecimal, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3Float64 i[],
             fmi3IntervalQualifier q[])
-NOT_OFFERED(fmi3GetIntervalFraction, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3UInt64 i[], fmi3UInt64 u[],
-            fmi3IntervalQualifier q[])
+NOT_OFFERED(fmi3GetIntervalFraction, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3UInt64 i[],
+            fmi3UInt64 u[], fmi3IntervalQualifier q[])
 NOT_OFFERED(fmi3GetShiftDecimal, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3Float64 s[])
 NOT_OFFERED(fmi3GetShiftFraction, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, fmi3UInt64 s[], fmi3UInt64 u[])
 NOT_OFFERED(fmi3SetIntervalDecimal, SAY_NO_CLOCK, const fmi3ValueReference r[], size_t n, const fmi3Float64 i[])
@@ -300,8 +304,8 @@ NOT_OFFERED(fmi3ActivateModelPartition, SAY_NO_CLOCK, fmi3ValueReference r, fmi3
 NOT_OFFERED(fmi3GetNumberOfVariableDependencies, SAY_NO_DEPENDENCIES, fmi3ValueReference r, size_t *n)
 NOT_OFFERED(fmi3GetVariableDependencies, SAY_NO_DEPENDENCIES, fmi3ValueReference r, size_t e[], fmi3ValueReference i[],
             size_t f[], fmi3DependencyKind k[], size_t n)
-NOT_OFFERED(fmi3GetOutputDerivatives, SAY_NO_OUTPUT_DERIVATIVES, const fmi3ValueReference r[],
-            size_t n, const fmi3Int32 o[], fmi3Float64 v[], size_t m)
+NOT_OFFERED(fmi3GetOutputDerivatives, SAY_NO_OUTPUT_DERIVATIVES, const fmi3ValueReference r[], size_t n,
+            const fmi3Int32 o[], fmi3Float64 v[], size_t m)
 #if defined __clang__ || defined __GNUC__
 #pragma GCC diagnostic pop
 #endif
@@ -336,7 +340,8 @@ FMI3_EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState saved,
     return serialize_state(c, saved, bytes, size, "fmi3SerializeFMUState");
 }
 
-FMI3_EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *saved) {
+FMI3_EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size,
+                                               fmi3FMUState *saved) {
     return deserialize_state(c, bytes, size, saved, "fmi3DeserializeFMUState");
 }
 
@@ -350,8 +355,8 @@ static int one_each(Instance *instance, size_t n, size_t given, const char *func
     return 0;
 }
 
-FMI3_EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n_unknown,
-                                                    const fmi3ValueReference knowns[], size_t n_known,
+FMI3_EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[],
+                                                    size_t n_unknown, const fmi3ValueReference knowns[], size_t n_known,
                                                     const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[],
                                                     size_t n_sensitivity) {
     static const char function[] = "fmi3GetDirectionalDerivative";
@@ -362,8 +367,9 @@ FMI3_EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3Va
 }
 
 FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n_unknown,
-                                                const fmi3ValueReference knowns[], size_t n_known, const fmi3Float64 seed[],
-                                                size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
+                                                const fmi3ValueReference knowns[], size_t n_known,
+                                                const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[],
+                                                size_t n_sensitivity) {
     static const char function[] = "fmi3GetAdjointDerivative";
     double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
     double weights[AT_LEAST_1(N_CONTINUOUS + N_OUTPUTS)] = {0.0};
@@ -448,8 +454,8 @@ FMI3_EXPORT fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) {
     return enter_continuous_time(instance, function);
 }
 
-FMI3_EXPORT fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_rollback, fmi3Boolean *enter_event_mode,
-                                                   fmi3Boolean *terminate) {
+FMI3_EXPORT fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_rollback,
+                                                   fmi3Boolean *enter_event_mode, fmi3Boolean *terminate) {
     static const char function[] = "fmi3CompletedIntegratorStep";
     (void)no_rollback;
     if (illegal(c, MAY_COMPLETE_STEP, function) || missing(c, enter_event_mode, 1, function) ||

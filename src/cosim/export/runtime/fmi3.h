@@ -32,15 +32,15 @@ typedef enum { fmi3IntervalNotYetKnown, fmi3IntervalUnchanged, fmi3IntervalChang
 
 typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String);
 typedef void (*fmi3ClockUpdateCallback)(fmi3InstanceEnvironment);
-typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, fmi3Float64, fmi3Boolean, fmi3Boolean, fmi3Boolean,
-                                               fmi3Boolean, fmi3Boolean *, fmi3Float64 *);
+typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, fmi3Float64, fmi3Boolean, fmi3Boolean,
+                                               fmi3Boolean, fmi3Boolean, fmi3Boolean *, fmi3Float64 *);
 typedef void (*fmi3LockPreemptionCallback)(void);
 typedef void (*fmi3UnlockPreemptionCallback)(void);
 
 #if defined FMI3_FUNCTION_PREFIX && !defined FMI3_OVERRIDE_FUNCTION_PREFIX
 #define FMI3_ACTUAL_FUNCTION_PREFIX FMI3_FUNCTION_PREFIX
 #endif
-#if defined FMI3_EXPORT /* a program that includes the sources may define it */
+#if defined FMI3_EXPORT                   /* a program that includes the sources may define it */
 #elif defined FMI3_ACTUAL_FUNCTION_PREFIX /* one of several FMUs in a program */
 #define FMI3_EXPORT
 #elif defined _WIN32

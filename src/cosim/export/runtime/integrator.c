@@ -93,14 +93,19 @@ static double attempt(const Problem *problem, Integrator *integrator, double t, 
     static const double gamma = 0.14, node = 0.6;
     static const double to_node[POWERS] = {
         0.14, 0.133, 0.31, -1.174, 4.361947521865889, -5.725822157434402, 3.2480874635568515, -0.6932128279883382};
-    static const double to_end[POWERS] = {
-        0.14, 0.14, 0.126, 0.6804262113008469, -2.839139247535749, 6.066833263917812, -4.359382201860336,
-        1.045261974177426};
+    static const double to_end[POWERS] = {0.14,
+                                          0.14,
+                                          0.126,
+                                          0.6804262113008469,
+                                          -2.839139247535749,
+                                          6.066833263917812,
+                                          -4.359382201860336,
+                                          1.045261974177426};
     static const double node_in_stage[STAGE_POWERS] = {0.3888888888888889, -0.1, 1.1925925925925926};
-    static const double from_node[REMAINDER_POWERS] = {
-        0.0, 0.1361111111111111, 0.06407785336356765, 0.7035903250188964, -0.3250755857898715};
-    static const double from_end[REMAINDER_POWERS] = {
-        0.14, 0.0518, 0.04201496598639456, -0.1744299319727891, 0.06561496598639456};
+    static const double from_node[REMAINDER_POWERS] = {0.0, 0.1361111111111111, 0.06407785336356765, 0.7035903250188964,
+                                                       -0.3250755857898715};
+    static const double from_end[REMAINDER_POWERS] = {0.14, 0.0518, 0.04201496598639456, -0.1744299319727891,
+                                                      0.06561496598639456};
     /* Error estimate: the fourth difference of the powers of the linear part, scaled to bound |R(z) - exp(z)| on the
        negative axis, and the departure of the remainders from quadratic growth, scaled by measured error. */
     static const double linear_error = 0.625, remainder_error = 1.0 / 32.0;

@@ -33,9 +33,9 @@ typedef struct {
 
 /* Part of the state of an instance: copied by value. All zero before the first call. */
 typedef struct {
-    double step;  /* proposal for the next step, s; 0: none yet */
-    double time;  /* after a failure: time of the last accepted step, s */
-    int failing;  /* after a failure: the continuous state with the largest error, or not finite; else -1 */
+    double step; /* proposal for the next step, s; 0: none yet */
+    double time; /* after a failure: time of the last accepted step, s */
+    int failing; /* after a failure: the continuous state with the largest error, or not finite; else -1 */
     unsigned long long steps;
     unsigned long long rejected;
     unsigned long long derivatives;

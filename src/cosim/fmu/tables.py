@@ -5,7 +5,6 @@ A model is a pydantic class. Problems are told in the words of the other files: 
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -15,8 +14,9 @@ from typing import Annotated, Any, ClassVar, TypeVar, Union, cast, get_args, get
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from .errors import DescriptionError, suggest
-from .files import reason, write_file
+from ..errors import DescriptionError, suggest
+from ..files import write_file
+from .text import read_toml
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -59,24 +59,9 @@ Seconds = Annotated[Any, BeforeValidator(_seconds), WithJsonSchema({"type": ["nu
 # ---- reading ----
 
 
-def read_toml(path: Path, *, exact: bool = True) -> dict[str, Any]:
-    """The content of a TOML file, its fractions as Decimal if ``exact``, else as float. Raises DescriptionError."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"), parse_float=Decimal if exact else float)
-    except FileNotFoundError:
-        near = suggest(path.name, (p.name for p in path.parent.glob("*.toml"))) if path.parent.is_dir() else ""
-        raise DescriptionError(f"{path}: no such file.{near}") from None
-    except UnicodeDecodeError as error:
-        raise DescriptionError(f"{path}: cannot be read ({error}).") from None
-    except OSError as error:
-        raise DescriptionError(f"{path}: cannot be read: {reason(error)}.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None
-
-
 def read_table(path: Path, model: type[Model]) -> Model:
     """The file at ``path`` as ``model``. Raises DescriptionError with every problem."""
-    table, problems = checked(read_toml(path, exact=False), model, path.name)
+    table, problems = checked(_floats(read_toml(path)), model, path.name)
     if problems or table is None:
         raise DescriptionError(problems)
     return table
@@ -231,6 +216,15 @@ def _without(document: Mapping[str, Any], steps: Sequence[str | int]) -> dict[st
         copy = copy[step]
     del copy[steps[-1]]
     return top
+
+
+def _floats(value: Any) -> Any:
+    """``value`` with all numbers that were read exactly as float."""
+    if isinstance(value, Mapping):
+        return {key: _floats(item) for key, item in cast("Mapping[str, Any]", value).items()}
+    if isinstance(value, list):
+        return [_floats(item) for item in cast("list[Any]", value)]
+    return float(value) if isinstance(value, Decimal) else value
 
 
 # ---- writing ----

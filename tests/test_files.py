@@ -1,0 +1,243 @@
+"""Files that are there whole or not at all, whatever fails at any moment; folders of processes that were killed."""
+
+from __future__ import annotations
+
+import builtins
+import errno
+import io
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.errors import CosimError, DescriptionError, FileError
+from cosim.files import Replacement, check_writable, temporary_folder, write_file
+from cosim.result.plots import save
+from cosim.result.record import Column
+from cosim.result.result import Result
+
+FAULTS = (errno.ENOSPC, errno.EIO, errno.EACCES)
+
+
+class Faults:
+    """A file layer in which the n-th operation fails, and all after it do where ``broken`` stays so."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, number: int, error: int, *, stays: bool) -> None:
+        self.count = 0
+        self.number, self.error, self.stays = number, error, stays
+        real_open = builtins.open
+
+        def failing_open(file: Any, mode: str = "r", *arguments: Any, **keywords: Any) -> Any:
+            if not isinstance(file, int) and set(mode) & set("wxa+"):
+                self.next(str(file))
+                return _File(self, real_open(file, mode, *arguments, **keywords))
+            return real_open(file, mode, *arguments, **keywords)
+
+        monkeypatch.setattr("builtins.open", failing_open)
+        for name in ("replace", "fsync", "mkdir"):
+            monkeypatch.setattr(os, name, self.failing(getattr(os, name)))
+        monkeypatch.setattr(shutil, "copymode", self.failing(shutil.copymode))
+
+    def failing(self, real: Callable[..., Any]) -> Callable[..., Any]:
+        def called(*arguments: Any, **keywords: Any) -> Any:
+            self.next(str(arguments[0]))
+            return real(*arguments, **keywords)
+
+        return called
+
+    def next(self, name: str) -> None:
+        self.count += 1
+        if self.count == self.number or (self.stays and self.count > self.number):
+            raise OSError(self.error, os.strerror(self.error), name)
+
+
+class _File(io.BufferedIOBase):
+    """A file whose writes count."""
+
+    def __init__(self, faults: Faults, file: Any) -> None:
+        self._faults, self._file = faults, file
+
+    def write(self, content: Any) -> int:
+        self._faults.next(self._file.name)
+        return self._file.write(content)
+
+    def flush(self) -> None:
+        if not self.closed:
+            self._faults.next(self._file.name)
+            self._file.flush()
+
+    def close(self) -> None:
+        if not self.closed:
+            try:
+                super().close()
+            finally:
+                self._file.close()
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._file.seek(offset, whence)
+
+    def readable(self) -> bool:
+        return False
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+
+def result() -> Result:
+    """A record of several pieces, see the test."""
+    time = np.arange(1000, dtype=float)
+    columns = (Column("a.x", "m", "Position", "mm", 1000.0), Column("a.y", "V", "Voltage", "V"))
+    values = np.column_stack((np.sin(time), time / 3.0))
+    return Result(time, values, columns, False, (), 0, {}, {"system": "test"})
+
+
+def write_record(path: Path) -> None:
+    result().save(path)
+
+
+def write_picture(path: Path) -> None:
+    save(path, lambda figure: figure.add_subplot().plot([0.0, 1.0]), (2.0, 1.0))
+
+
+def write_text(path: Path) -> None:
+    write_file(path, "text\n")
+
+
+@pytest.mark.parametrize("stays", [False, True])
+@pytest.mark.parametrize("error", FAULTS)
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [("a.csv", write_record), ("a.parquet", write_record), ("a.png", write_picture), ("a.txt", write_text)],
+)
+def test_a_fault_at_any_moment_leaves_the_older_file(
+    tmp_path: Path, name: str, write: Callable[[Path], None], error: int, stays: bool
+) -> None:
+    """One sentence as the error, the older file to the last byte, and nothing beside it."""
+    if name.endswith(".parquet"):
+        pytest.importorskip("pyarrow")
+    path = tmp_path / name
+    refused = 0
+    for number in range(1, 1000):
+        path.write_bytes(b"older")
+        with pytest.MonkeyPatch.context() as monkeypatch:
+            monkeypatch.setattr("cosim.result.record.CSV_BYTES", 8000)
+            monkeypatch.setattr("cosim.result.record.PARQUET_BYTES", 8000)
+            faults = Faults(monkeypatch, number, error, stays=stays)
+            text = ""
+            try:
+                write(path)
+            except FileError as caught:
+                text = str(caught)
+        if text:
+            refused += 1
+            assert "\n" not in text
+            assert text.startswith(f"{path}: cannot be written: ")
+            assert text.endswith("The file that was there before is unchanged.")
+        # Without an error, the fault was in what does not matter: names reach the disk later, say.
+        assert (path.read_bytes() == b"older") == bool(text), f"fault {number}"
+        assert [entry.name for entry in tmp_path.iterdir()] == [name], f"fault {number}"
+        if faults.count < number:
+            break
+    assert refused >= 5
+    assert faults.count < number
+
+
+def test_a_replacement_keeps_the_rights_and_follows_links(tmp_path: Path) -> None:
+    (tmp_path / "target.txt").write_text("older")
+    (tmp_path / "target.txt").chmod(0o640)
+    (tmp_path / "link.txt").symlink_to("target.txt")
+    write_file(tmp_path / "link.txt", "newer")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "target.txt").read_text() == "newer"
+    assert stat.S_IMODE((tmp_path / "target.txt").stat().st_mode) == 0o640
+
+
+def test_an_exception_while_writing_leaves_nothing(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with Replacement(tmp_path / "a.txt") as new:
+            new.file.write(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["folder", "file/a.csv", "n" * 256 + ".csv", "locked/a.csv", "locked.csv"])
+def test_what_cannot_be_written_is_known_before(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("")
+    (tmp_path / "locked").mkdir()
+    (tmp_path / "locked").chmod(0o555)
+    (tmp_path / "locked.csv").write_text("older")
+    (tmp_path / "locked.csv").chmod(0o444)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(DescriptionError, match=r": cannot be written: .*\. Name another file\.|is a folder"):
+        check_writable(tmp_path / name)
+    assert sorted(tmp_path.rglob("*")) == before
+    (tmp_path / "locked").chmod(0o755)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "new/folder/a.csv", "n" * 251 + ".csv"])
+def test_checking_changes_nothing(tmp_path: Path, name: str) -> None:
+    check_writable(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+    write_file(tmp_path / name, "text")
+    assert (tmp_path / name).read_text() == "text"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
+def test_folders_of_killed_processes_are_removed_by_the_next(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys\nfrom cosim.files import temporary_folder\n"
+        "with temporary_folder() as folder:\n    (folder / 'a').mkdir()\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=False)
+    assert len(list(tmp_path.iterdir())) == 1
+    (tmp_path / "cosim-of-somebody-else").mkdir()
+    (tmp_path / "cosim-1-2-3").mkdir()
+    code = (
+        "import os, sys\nfrom cosim.files import temporary_folder\n"
+        "with temporary_folder() as folder:\n    print(sorted(os.listdir(folder.parent)) == sorted(\n"
+        "        [folder.name, 'cosim-of-somebody-else', 'cosim-1-2-3']))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True)
+    assert done.stdout == "True\n"
+
+
+def test_the_folder_of_a_living_process_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with temporary_folder() as folder:
+        code = "from cosim.files import temporary_folder\nwith temporary_folder():\n    pass\n"
+        subprocess.run([sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path)}, check=True)
+        assert folder.is_dir()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unusable_folder_for_temporary_files_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(**_: object) -> str:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    with (
+        pytest.raises(CosimError, match=r"cannot make a temporary folder there: no space is left on the disk\."),
+        temporary_folder(),
+    ):
+        pass
