@@ -126,13 +126,13 @@ def test_without_metrics_the_loop_is_judged(make: Callable[..., Sweep], tmp_path
 
 
 def test_a_failing_run_is_recorded_and_stops_no_other(make: Callable[..., Sweep], tmp_path: Path) -> None:
-    """F_S below F_C breaks a rule of the plant, which it finds when it is initialized."""
-    plan = make({"plant.F_S": [0.05, 0.01, 0.06]})
+    """F_S = 0 with F_C above 0 breaks a rule of the plant, which it finds when it is initialized."""
+    plan = make({"plant.F_S": [0.05, 0.0, 0.06]})
     outcome = sweep(plan, tmp_path / "data", workers=0)
     rows = rows_of(tmp_path / "data")
     assert outcome.failed == 1
     assert rows["run"] == [0, 1, 2]
-    assert "static friction" in rows["error"][1].lower()
+    assert "F_S = 0 with F_C > 0" in rows["error"][1]
     assert rows["error_rms"][1] is None
     assert rows["error"][0] is rows["error"][2] is None
     assert "Failed runs" in report(tmp_path / "data").read_text(encoding="utf-8")
