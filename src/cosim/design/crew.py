@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import logging
 import math
 import os
 import time as clock_time
@@ -100,6 +101,10 @@ class Cluster:
             raise DescriptionError(f"no dask scheduler at {address}: {error}") from None
         self._executor = self._client.get_executor(pure=False)
         self._seen = clock_time.monotonic()
+        self._levels = {logger: logger.level for logger in _loggers()}
+        for logger in self._levels:
+            # A scheduler that is gone is told in one sentence, not in tracebacks.
+            logger.setLevel(logging.CRITICAL)
 
     def __enter__(self) -> Self:
         self.count = sum(self._client.nthreads().values())
@@ -112,6 +117,8 @@ class Cluster:
         with contextlib.suppress(Exception):
             # A scheduler that is gone cannot be told.
             self._client.close(timeout=CONNECT_SECONDS)
+        for logger, level in self._levels.items():
+            logger.setLevel(level)
 
     def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[Row]]:
         """Have a batch done."""
@@ -146,6 +153,12 @@ class Cluster:
         return ClusterError(
             f"the dask scheduler at {self.address} {what}. What was written is kept; the same command goes on."
         )
+
+
+def _loggers() -> list[logging.Logger]:
+    """Those of dask.distributed."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    return [logging.getLogger(name) for name in names]
 
 
 _limits: dict[str, Limit] = {}
