@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import fmpy
@@ -62,8 +63,13 @@ def description(
     guid: str = "probe",
     attributes: str = "",
     version: str = "2.0",
+    base_units: Mapping[str, str] | None = None,
+    experiment: str = "",
 ) -> str:
-    """The text of a modelDescription.xml."""
+    """The text of a modelDescription.xml; ``base_units`` gives the attributes of BaseUnit, ``experiment`` those of
+    DefaultExperiment.
+    """
+    stated = base_units or {}
     numbers = {variable.name: index + 1 for index, variable in enumerate(variables)}
     lines: list[str] = []
     types: list[str] = []
@@ -99,15 +105,19 @@ def description(
         outputs.append(f'<Unknown index="{numbers[variable.name]}"{known}/>')
         unknowns.append(f'<Unknown index="{numbers[variable.name]}"/>')
     units = sorted({variable.unit for variable in variables if variable.unit is not None})
-    unit_lines = "".join(f"<Unit name={quoteattr(unit)}/>" for unit in units)
+    unit_lines = "".join(
+        f"<Unit name={quoteattr(unit)}>" + (f"<BaseUnit {stated[unit]}/>" if unit in stated else "") + "</Unit>"
+        for unit in units
+    )
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f'<fmiModelDescription fmiVersion="{version}" modelName="{name}" guid="{guid}">'
         f'<CoSimulation modelIdentifier="{identifier}" canHandleVariableCommunicationStepSize="true" {attributes}/>'
         + (f"<UnitDefinitions>{unit_lines}</UnitDefinitions>" if units else "")
         + (f"<TypeDefinitions>{''.join(types)}</TypeDefinitions>" if types else "")
-        + f'<LogCategories><Category name="logStatusError"/></LogCategories>'
-        f"<ModelVariables>{''.join(lines)}</ModelVariables><ModelStructure>"
+        + '<LogCategories><Category name="logStatusError"/></LogCategories>'
+        + (f"<DefaultExperiment {experiment}/>" if experiment else "")
+        + f"<ModelVariables>{''.join(lines)}</ModelVariables><ModelStructure>"
         + (f"<Outputs>{''.join(outputs)}</Outputs>" if outputs else "")
         + (f"<InitialUnknowns>{''.join(unknowns)}</InitialUnknowns>" if unknowns else "")
         + "</ModelStructure></fmiModelDescription>\n"
@@ -126,10 +136,20 @@ def write_zip(path: Path, members: Mapping[str, bytes | str]) -> Path:
     return path
 
 
-def write_fmu(path: Path, variables: Sequence[Variable], *, binary: bytes = b"", **header: str) -> Path:
+def write_fmu(path: Path, variables: Sequence[Variable], *, binary: bytes = b"", **header: Any) -> Path:
     """An FMU that can be described, and run if ``binary`` is a library."""
     text = description(variables, name=path.stem, **header)
     return write_zip(path, {"modelDescription.xml": text, library_name(header.get("identifier", "probe")): binary})
+
+
+def write_gain(
+    folder: Path, name: str, u: str, z: str, *, base_units: Mapping[str, str] | None = None, experiment: str = ""
+) -> Path:
+    """The probe as ``folder/name.fmu`` with an input ``u`` and an output ``z = gain*u`` in these units."""
+    units = {"u": u, "z": z}
+    variables = [replace(v, unit=units.get(v.name)) for v in PROBE if v.name in ("u", "z", "gain")]
+    binary = probe_library().read_bytes()
+    return write_fmu(folder / f"{name}.fmu", variables, binary=binary, base_units=base_units, experiment=experiment)
 
 
 def probe_library(name: str = "probe") -> Path:

@@ -142,8 +142,8 @@ def test_linearize(call: Any, native: Path, tmp_path: Path) -> None:
     [
         (["sweep", "none.toml"], "no such file"),
         (["identify", "nct", "none.toml"], "no such file"),
-        (["stability", "map", "none.toml"], "cannot be read"),
-        (["tune", "none.toml"], "cannot be read"),
+        (["stability", "map", "none.toml"], "no such file"),
+        (["tune", "none.toml"], "no such file"),
         (["linearize", "x.toml", "--at", "now"], "give seconds"),
         (["identify", "nct", "x.csv", "--zeta", "1"], "go together"),
         (["learn", "friction-pulse", "x.toml", "--set", "a.b"], "INSTANCE.VARIABLE=VALUE"),

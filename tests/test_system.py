@@ -595,6 +595,8 @@ def test_files_that_are_not_there(folder: Path) -> None:
 
 def test_no_fmu_folder_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cosim.fmu.places.CHECKOUT", tmp_path)
+    monkeypatch.setattr("cosim.fmu.places.PREBUILT", tmp_path / "none")
     (tmp_path / "loop.toml").write_text(GOOD, encoding="utf-8")
     with pytest.raises(DescriptionError, match=r"no FMU folder found for 'Plant'.* name the folder with --fmus"):
         read_system(tmp_path / "loop.toml")

@@ -2,12 +2,16 @@
 
 Syntax (that of Modelica, with decimal exponents): ``.`` multiplies, one ``/`` divides by the
 factor or parenthesis behind it, a number behind a symbol or parenthesis is its exponent.
+
+The table of this module is the last word, not the first: where a file defines a unit, ``resolve_unit`` takes that
+definition.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -20,15 +24,29 @@ BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 @dataclass(frozen=True)
 class Unit:
-    """``value in base units = factor * value``, with one exponent for each of ``BASE_UNITS``."""
+    """``value in base units = factor*value + offset``, with one exponent for each of ``BASE_UNITS``."""
 
     factor: float
     exponents: tuple[Fraction, ...]
+    offset: float = 0.0
+
+    def __str__(self) -> str:
+        """Such as ``3600 s``, ``9.80665 m/s2`` or ``K + 273.15``."""
+        over = [_symbol(name, e) for name, e in zip(BASE_UNITS, self.exponents, strict=True) if e > 0]
+        under = [_symbol(name, -e) for name, e in zip(BASE_UNITS, self.exponents, strict=True) if e < 0]
+        base = ".".join(over) or "1"
+        if under:
+            base += f"/{under[0]}" if len(under) == 1 else f"/({'.'.join(under)})"
+        scale = "" if self.factor == 1.0 else f"{self.factor:.12g} "
+        shift = "" if self.offset == 0.0 else f" {'+' if self.offset > 0.0 else '-'} {abs(self.offset):.12g}"
+        return f"{scale}{base}{shift}"
 
     def power(self, exponent: Fraction) -> Unit:
+        """The power; a temperature scale with an offset counts as a difference there."""
         return Unit(self.factor ** float(exponent), tuple(e * exponent for e in self.exponents))
 
     def times(self, other: Unit) -> Unit:
+        """The product; a temperature scale with an offset counts as a difference there."""
         exponents = tuple(a + b for a, b in zip(self.exponents, other.exponents, strict=True))
         return Unit(self.factor * other.factor, exponents)
 
@@ -37,9 +55,36 @@ class Unit:
         """FMI 2.0 can state only integer exponents; a unit such as ``N/(m/s)0.5`` has no BaseUnit."""
         return all(e.denominator == 1 for e in self.exponents)
 
+    def matches(self, other: Unit) -> bool:
+        """Whether both are of one kind, scale and zero, so that values may be connected unchanged."""
+        return (
+            self.exponents == other.exponents
+            and math.isclose(self.factor, other.factor, rel_tol=1e-12)
+            and math.isclose(self.offset, other.offset, rel_tol=1e-12)
+        )
 
-def _base(factor: float = 1.0, **exponents: int) -> Unit:
-    return Unit(factor, tuple(Fraction(exponents.get(name, 0)) for name in BASE_UNITS))
+    def conversion(self, target: Unit) -> tuple[float, float] | None:
+        """Factor and offset with ``value in target = factor*value + offset``; None if the kinds differ.
+
+        An angle counts as a number (``rad`` may stand where ``1`` is meant), as in SI. But 1/s and rad/s do not
+        convert: 1/s may count turns or radians, and nothing says which.
+        """
+        if self.exponents[:-1] != target.exponents[:-1]:
+            return None
+        if self.exponents != target.exponents and self.exponents[:-1] == _PER_SECOND.exponents[:-1]:
+            return None
+        return self.factor / target.factor, (self.offset - target.offset) / target.factor
+
+
+def _symbol(name: str, exponent: Fraction) -> str:
+    return name if exponent == 1 else f"{name}{float(exponent):g}"
+
+
+def _base(factor: float = 1.0, offset: float = 0.0, **exponents: int) -> Unit:
+    return Unit(factor, tuple(Fraction(exponents.get(name, 0)) for name in BASE_UNITS), offset)
+
+
+_PER_SECOND = _base(s=-1)
 
 
 _SYMBOLS: dict[str, Unit] = {
@@ -59,6 +104,9 @@ _SYMBOLS: dict[str, Unit] = {
     "A": _base(A=1),
     "mA": _base(1e-3, A=1),
     "K": _base(K=1),
+    "degC": _base(1.0, 273.15, K=1),
+    "degF": _base(5.0 / 9.0, 459.67 * 5.0 / 9.0, K=1),
+    "l": _base(1e-3, m=3),
     "mol": _base(mol=1),
     "cd": _base(cd=1),
     "rad": _base(rad=1),
@@ -74,6 +122,7 @@ _SYMBOLS: dict[str, Unit] = {
     "uN": _base(1e-6, kg=1, m=1, s=-2),
     "kN": _base(1e3, kg=1, m=1, s=-2),
     "Pa": _base(kg=1, m=-1, s=-2),
+    "bar": _base(1e5, kg=1, m=-1, s=-2),
     "MPa": _base(1e6, kg=1, m=-1, s=-2),
     "J": _base(kg=1, m=2, s=-2),
     "W": _base(kg=1, m=2, s=-3),
@@ -128,18 +177,29 @@ def parse_unit(text: str) -> Unit:
     return unit
 
 
-def conversion(source: str, target: str) -> float:
-    """Factor c with ``value in target = c * value in source``. Raises DescriptionError if they differ in kind.
+def resolve_unit(name: str, *definitions: Mapping[str, Unit]) -> Unit | None:
+    """The unit that files or this module mean by ``name``; None if nobody knows it.
 
-    An angle counts as a number here (``rad`` may stand where ``1`` is meant), as in SI.
+    The first of ``definitions`` that holds the name decides, the table of this module comes last.
     """
-    a, b = parse_unit(source), parse_unit(target)
-    if a.exponents[:-1] != b.exponents[:-1]:
+    for defined in definitions:
+        if name in defined:
+            return defined[name]
+    try:
+        return parse_unit(name)
+    except DescriptionError:
+        return None
+
+
+def conversion(source: str, target: str) -> float:
+    """Factor c with ``value in target = c * value in source``.
+
+    Raises DescriptionError if they differ in kind, or if a factor alone does not convert them (degC and K).
+    """
+    found = parse_unit(source).conversion(parse_unit(target))
+    if found is None:
         raise DescriptionError(f"unit '{source}' cannot be converted to '{target}'.")
-    return a.factor / b.factor
-
-
-def same_unit(one: str, other: str) -> bool:
-    """Whether two units are of one kind and one scale, so that values may be connected unchanged."""
-    a, b = parse_unit(one), parse_unit(other)
-    return a.exponents == b.exponents and math.isclose(a.factor, b.factor, rel_tol=1e-12)
+    factor, offset = found
+    if offset != 0.0:
+        raise DescriptionError(f"unit '{source}' cannot be converted to '{target}' by a factor: they differ in zero.")
+    return factor

@@ -1,14 +1,22 @@
-"""``cosim check``: everything that is wrong with a system, without running it."""
+"""``cosim check``: what is wrong with a system, what is worth knowing, and how it will run."""
 
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from .console import make_table, standard_output
+from ..errors import DescriptionError
+from .console import make_table, print_error, print_json, standard_output
 from .systems import given_system, system_arguments
+
+if TYPE_CHECKING:
+    from ..system.parts import Connection, Instance
+    from ..system.system import System
+
+SHOWN_VALUES = 8
+"""Start values of an instance that the table shows."""
 
 
 def add(commands: Any) -> None:
@@ -16,37 +24,134 @@ def add(commands: Any) -> None:
     check = commands.add_parser(
         "check",
         help="check a system without running it",
-        description="Check a system file and say how it will run.",
+        description="Check a system and say how it will run. Its FMUs are initialized in a process of their own, so "
+        "that rules between parameters speak, too.",
         epilog="Example: cosim check studies/shams2010/fsmc_5sin.toml",
     )
     system_arguments(check)
+    check.add_argument("--json", action="store_true", help="print what was found as JSON, for scripts")
     check.set_defaults(command=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Check a system and say how it will run."""
-    system = given_system(options)
+    """Check a system; 0 if it can run, 2 if not."""
+    from ..master.trial import try_system
+
+    try:
+        system = given_system(options)
+    except DescriptionError as error:
+        if not options.json:
+            raise
+        print_json({"system": options.system, "problems": error.problems, "notes": []})
+        return 2
+    trial = try_system(system)
+    notes = [*system.notes, *_resting(system), *trial.notes]
+    if options.json:
+        print_json(_facts(system, [trial.problem] if trial.problem else [], notes))
+        return 2 if trial.problem else 0
+    _show(system, notes)
+    if trial.problem:
+        print_error(trial.problem)
+        return 2
+    standard_output().print("No problems.")
+    return 0
+
+
+def _resting(system: System) -> list[str]:
+    """The unconnected inputs for which no start value is given, a line an instance."""
+    from ..system.unconnected import unconnected_inputs
+
+    resting: dict[str, list[str]] = {}
+    for (instance, name), value in unconnected_inputs(system).items():
+        if name not in system.instance(instance).start:
+            resting.setdefault(instance, []).append(f"{name} = {value}")
+    return [f"instances.{name}: unconnected inputs stay at {', '.join(values)}." for name, values in resting.items()]
+
+
+def _starts(instance: Instance) -> dict[str, str]:
+    """Start values as text, enumerations by name, whole arrays as one entry."""
+    from ..system.values import show_start
+
+    fmu = instance.fmu
+    whole = {
+        element: name
+        for name, array in fmu.arrays.items()
+        if len(array.elements) > 1 and all(element in instance.start for element in array.elements)
+        for element in array.elements
+    }
+    shown: dict[str, str] = {}
+    for name, value in instance.start.items():
+        array = whole.get(name)
+        if array is None:
+            shown[name] = show_start(fmu.variables[name], value)
+        else:
+            shown[array] = f"{len(fmu.arrays[array].elements)} values"
+    return shown
+
+
+def _transformation(connection: Connection) -> str:
+    """How a connection changes its values, as text."""
+    scaled = "" if connection.factor == 1.0 else f" * {connection.factor:.9g}"
+    sign = "+" if connection.offset > 0.0 else "-"
+    shifted = "" if connection.offset == 0.0 else f" {sign} {abs(connection.offset):.9g}"
+    return scaled + shifted
+
+
+def _show(system: System, notes: list[str]) -> None:
     console = standard_output()
     console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
     table = make_table("Instance", "FMU", "Start values", "Steps over", whole=("Instance", "Steps over"))
     for instance in system.instances:
-        values = ", ".join(f"{name} = {value}" for name, value in list(instance.start.items())[:8])
-        more = f" and {len(instance.start) - 8} more" if len(instance.start) > 8 else ""
+        starts = _starts(instance)
+        values = ", ".join(f"{name} = {value}" for name, value in list(starts.items())[:SHOWN_VALUES])
+        more = f" and {len(starts) - SHOWN_VALUES} more" if len(starts) > SHOWN_VALUES else ""
         over = f"{system.step_size * instance.step_multiple} s"
         table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
     console.print(table)
     for connection in system.connections:
-        scaled = "" if connection.factor == 1.0 else f" * {connection.factor:g}"
-        shifted = "" if connection.offset == 0.0 else f" + {connection.offset:g}"
         source, target = (".".join(end) for end in (connection.source, connection.target))
-        console.print(f"  {escape(source)}{scaled}{shifted} -> {escape(target)}")
+        units = {"converted": " (units converted)", "suppressed": " (units not converted)"}.get(connection.units, "")
+        console.print(f"  {escape(source)}{_transformation(connection)} -> {escape(target)}{units}")
     how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
     console.print(f"Order: {escape(how)}")
     console.print(
         f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
         f"{len(system.record)} variables recorded, {system.steps // system.decimation + 1} rows"
     )
-    for note in system.notes:
-        console.print(f"[yellow]note:[/] {escape(note)}")
-    console.print("No problems.")
-    return 0
+    for note in notes:
+        console.print(f"[yellow]note:[/] {escape(note)}", soft_wrap=True)
+
+
+def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, Any]:
+    return {
+        "system": system.name,
+        "description": system.description,
+        "problems": problems,
+        "notes": notes,
+        "instances": {
+            instance.name: {
+                "fmu": instance.fmu.name,
+                "start": _starts(instance),
+                "step_multiple": instance.step_multiple,
+            }
+            for instance in system.instances
+        },
+        "connections": [
+            {
+                "from": ".".join(connection.source),
+                "to": ".".join(connection.target),
+                "factor": connection.factor,
+                "offset": connection.offset,
+                "units": connection.units,
+            }
+            for connection in system.connections
+        ],
+        "order": "parallel" if system.parallel else list(system.visits),
+        "start_time": float(system.start_time),
+        "stop_time": float(system.stop_time),
+        "step_size": float(system.step_size),
+        "steps": system.steps,
+        "recorded": [".".join(entry) for entry in system.record],
+        "decimation": system.decimation,
+        "system_hash": system.digest,
+    }

@@ -20,8 +20,6 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.console import Console
 from rich.markup import escape
 
-from ..errors import DescriptionError
-
 if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
@@ -191,23 +189,6 @@ def set_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> N
         dest="values",
         help="start values, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
     )
-
-
-def given_values(items: Sequence[str]) -> dict[str, object]:
-    """The values of ``--set`` by variable. Raises DescriptionError with every item that cannot be read."""
-    from ..system.values import parse_value
-
-    values: dict[str, object] = {}
-    problems: list[str] = []
-    for item in items:
-        name, equals, value = item.partition("=")
-        if not equals:
-            problems.append(f"--set {item}: write INSTANCE.VARIABLE=VALUE, such as plant.m=70.")
-        else:
-            values[name.strip()] = parse_value(value.strip())
-    if problems:
-        raise DescriptionError(problems)
-    return values
 
 
 def common_arguments(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespace], int]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.markup import escape
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError
 from .console import fmus_argument, standard_output
 
 
@@ -35,7 +35,7 @@ def _run(options: argparse.Namespace) -> int:
     from ..fmu.copies import copy_fmus
     from ..fmu.places import find_fmus
 
-    source = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
+    source = options.fmus if options.fmus is not None else find_fmus()
     if source is None:
         raise DescriptionError("no FMUs found. Build them, or name their folder with --fmus.")
     written = copy_fmus(source, options.folder, options.names, force=options.force)
@@ -46,16 +46,3 @@ def _run(options: argparse.Namespace) -> int:
     else:
         console.print(f"Nothing to copy: {escape(str(options.folder))} holds them already.")
     return 0
-
-
-def fmu_path(text: str, folder: Path | None) -> Path:
-    """The file of an FMU given by name or path."""
-    from ..fmu.places import find_fmus
-
-    if text.endswith(".fmu") or "/" in text:
-        return Path(text)
-    folder = folder if folder is not None else find_fmus(Path.cwd())
-    known = {path.stem: path for path in folder.glob("*.fmu")} if folder is not None else {}
-    if text in known:
-        return known[text]
-    raise DescriptionError(f"no FMU '{text}' in {folder or 'build/fmus/native'}.{suggest(text, known)}")

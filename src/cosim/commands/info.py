@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 
 from .console import fmus_argument, make_table, standard_output
-from .fmus import fmu_path
 
 if TYPE_CHECKING:
     from ..fmu.description import Fmu, Variable
@@ -30,8 +29,9 @@ def add(commands: Any) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Show the variables of an FMU."""
     from ..fmu.description import read_fmu
+    from ..fmu.places import find_fmu
 
-    fmu = read_fmu(fmu_path(options.fmu, options.fmus))
+    fmu = read_fmu(find_fmu(options.fmu, options.fmus))
     console = standard_output()
     console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.text)}")
     step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
@@ -61,14 +61,14 @@ def _run(options: argparse.Namespace) -> int:
 
 def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:
     """Variables with the names to show, parameters first, arrays as one line."""
-    firsts = {elements[0]: (name, len(elements)) for name, elements in fmu.arrays.items()}
-    others = {element for elements in fmu.arrays.values() for element in elements[1:]}
+    arrays = {name: array for name, array in fmu.arrays.items() if array.shape}
+    firsts = {array.elements[0]: f"{name}[{array.span}]" for name, array in arrays.items()}
+    others = {element for array in arrays.values() for element in array.elements[1:]}
     order = {"input": 0, "output": 1, "parameter": 2}
     rows: list[tuple[str, Variable]] = []
     for variable in sorted(fmu.variables.values(), key=lambda v: order.get(v.causality, 3)):
         if variable.name in firsts:
-            name, length = firsts[variable.name]
-            rows.append((f"{name}[1..{length}]", variable))
+            rows.append((firsts[variable.name], variable))
         elif variable.name not in others:
             rows.append((variable.name, variable))
     return rows

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, common_arguments, given_values, set_argument, show
+from .console import Bar, common_arguments, set_argument, show
+from .systems import given_values
 
 
 def add(commands: Any) -> None:

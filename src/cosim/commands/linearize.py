@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import common_arguments, given_values, set_argument, show
+from .console import common_arguments, set_argument, show
+from .systems import given_values
 
 
 def add(commands: Any) -> None:
@@ -20,7 +21,7 @@ def add(commands: Any) -> None:
         "--set trajectory.amplitude=1e-7 controller.sensor_resolution=0 --inputs command --outputs position "
         "--margins --plot bode.png",
     )
-    linearize.add_argument("source", metavar="FMU|SYSTEM", help="an .fmu or a system file")
+    linearize.add_argument("source", metavar="FMU|SYSTEM", help="an FMU or a system, by path or name")
     linearize.add_argument("--instance", default="plant", metavar="NAME", help="of the system (default: plant)")
     linearize.add_argument("--at", default="0", metavar="TIME", help="seconds, as 0.01 or t=0.01 (default: 0)")
     linearize.add_argument("--inputs", nargs="+", metavar="VAR")
@@ -35,23 +36,25 @@ def add(commands: Any) -> None:
 def _linearize(options: argparse.Namespace) -> int:
     from ..design import linearize
     from ..design.linearize import Margins
+    from ..fmu.places import find_system, has_ending
 
     try:
         at = float(options.at.removeprefix("t="))
     except ValueError:
         raise DescriptionError(f"--at {options.at}: give seconds, such as t=0.01.") from None
     values = given_values(options.values)
-    alone = str(options.source).endswith(".fmu")
+    file = find_system(options.source, options.fmus)
+    alone = has_ending(file, ".fmu")
     if alone:
         if at != 0.0:
             raise DescriptionError("an FMU alone is linearized where it starts. Give a system for another time.")
-        start = {name.rpartition(".")[2]: value for name, value in values.items()}
-        source: Any = options.source
+        source: Any = file
+        start = {name.removeprefix(f"{file.stem}.").removeprefix("fmu."): value for name, value in values.items()}
         model = linearize.linearize(source, inputs=options.inputs, outputs=options.outputs, start=start)
     else:
         from ..system.system import read_system
 
-        source = read_system(options.source, values, fmus=options.fmus)
+        source = read_system(file, values, fmus=options.fmus)
         model = linearize.linearize(
             source, instance=options.instance, at=at, inputs=options.inputs, outputs=options.outputs
         )

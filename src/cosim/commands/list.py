@@ -29,12 +29,12 @@ def add(commands: Any) -> None:
 def _run(options: argparse.Namespace) -> int:
     """List FMUs, systems and studies."""
     from ..fmu.description import read_fmu
-    from ..fmu.places import PREBUILT, find_fmus, shipped_systems
+    from ..fmu.places import PREBUILT, find_fmus, fmus_in, shipped_studies, shipped_systems
 
     console = standard_output()
-    folder = options.fmus if options.fmus is not None else find_fmus(Path.cwd())
+    folder = options.fmus if options.fmus is not None else find_fmus()
     fmus: dict[Path, Fmu | str] = {}
-    for path in sorted(folder.glob("*.fmu")) if folder is not None else ():
+    for path in fmus_in(folder).values() if folder is not None else ():
         try:
             fmus[path] = read_fmu(path)
         except DescriptionError as error:
@@ -60,7 +60,7 @@ def _run(options: argparse.Namespace) -> int:
     for name, path in systems.items():
         table.add_row(escape(name), escape(_description(path)))
     console.print(table)
-    studies = sorted({path.parent.name for path in systems.values() if (path.parent / "study.py").is_file()})
+    studies = shipped_studies()
     if studies:
         console.print(f"[bold]Studies[/] {escape(', '.join(studies))}")
     return 0

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from math import isfinite
 from pathlib import Path
@@ -24,13 +25,15 @@ if TYPE_CHECKING:
     from ..master.instance import RunError
     from ..result.record import RecordWriter
     from ..result.result import Result
-    from ..result.summary import Row
     from ..system.system import System
 
 MOST_BYTES = 2**28
 """Rows of a run that stay in memory: longer records go to the file as they come, figures are of every n-th row then."""
 MAX_SHOWN_MESSAGES = 20
 MAX_SHOWN_TEXT = 1000
+MAX_SHOWN_NAMES = 5
+TRIAL_SECONDS = 2.0
+"""How long the end of a run waits for what was found beside it about inputs that look forgotten."""
 _GRAVITY = {"OK": 0, "Warning": 1, "Discard": 2}
 """How bad the status of a message is; all others are worse."""
 
@@ -39,9 +42,10 @@ def add(commands: Any) -> None:
     """Add ``run``."""
     run = commands.add_parser(
         "run",
-        help="run a system",
-        description="Run a system and show what came out.",
-        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.csv",
+        help="run a system, or an FMU alone",
+        description="Run a system and show what came out. An FMU runs alone, over the times that its file suggests.",
+        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.csv, or "
+        "cosim run Trajectory --set kind=quintic --plot move.png",
     )
     system_arguments(run)
     run.add_argument(
@@ -69,20 +73,33 @@ def _run(options: argparse.Namespace) -> int:
     system = given_system(options)
     from ..master.instance import RunError
     from ..master.run import Interrupted
+    from ..master.trial import Trial
+    from ..system.unconnected import fitting_outputs
 
-    if not options.json:
-        for note in system.notes:
-            print_note(f"note: {note}")
-    with _RecordFile(system, options.output) as record:
+    notes = list(system.notes)
+    with contextlib.ExitStack() as resources:
+        trial = resources.enter_context(Trial(system)) if fitting_outputs(system) else None
+        _show_notes(notes, options)
+        record = resources.enter_context(_RecordFile(system, options.output))
         try:
             with Bar("Seconds") as bar:
                 result = _simulate(system, options, bar, record)
         except RunError as error:
             return _failed(error, options, record)
         except Interrupted as interruption:
-            _finish(interruption.result, options, record, begun, interrupted=True)
+            _finish(interruption.result, options, record, begun, notes, interrupted=True)
             return 128 + interruption.number
-        return _finish(result, options, record, begun)
+        if trial is not None:
+            found = trial.findings(seconds=TRIAL_SECONDS).notes
+            _show_notes(found, options)
+            notes += found
+        return _finish(result, options, record, begun, notes)
+
+
+def _show_notes(notes: Sequence[str], options: argparse.Namespace) -> None:
+    if not options.json:
+        for note in notes:
+            print_note(f"note: {note}")
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -234,14 +251,20 @@ def _save(result: Result, options: argparse.Namespace, record: _RecordFile) -> b
 
 
 def _finish(
-    result: Result, options: argparse.Namespace, record: _RecordFile, begun: float, *, interrupted: bool = False
+    result: Result,
+    options: argparse.Namespace,
+    record: _RecordFile,
+    begun: float,
+    notes: Sequence[str],
+    *,
+    interrupted: bool = False,
 ) -> int:
-    """Messages, files and the summary that end a run; returns the exit code."""
-    from ..result.summary import not_finite
+    """Messages, files and the summary that end a run; the exit code, 1 if recorded values are not finite."""
+    from ..result.summary import not_finite, summary
 
     bad = not_finite(result)
-    for name, since in bad.items():
-        print_note(f"warning: {name} is not finite from {since:.9g} s on. No figure is computed from it.")
+    if bad:
+        print_error(_not_finite(bad))
     _show_messages(result)
     if interrupted:
         print_error("Interrupted.")
@@ -249,12 +272,13 @@ def _finish(
     every = record.thinned(result)
     if every > 1:
         print_note(f"note: {record.count(result)} rows; figures and pictures are of every {every}th.")
-    figures = _figures(result)
+    figures = summary(result)
+    code = 0 if well and not bad else 1
     facts = result.metadata
     simulated = facts["steps"] * facts["step_size"]
     factor = simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
     if options.json:
-        summary = {
+        content = {
             "system": facts["system"],
             "system_hash": facts["system_hash"],
             "partial": result.partial,
@@ -267,12 +291,16 @@ def _finish(
             "warnings": facts["warnings"],
             "solver": {name: dict(counts) for name, counts in result.solver.items()},
             "not_finite": bad,
-            "figures": [{"name": row.name, "value": row.value, "unit": row.unit} for row in figures],
+            "figures": [
+                {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
+                for row in figures
+            ],
+            "notes": notes,
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
         }
-        print_json(summary)
-        return 0 if well else 1
+        print_json(content)
+        return code
     table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{simulated:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
@@ -286,24 +314,22 @@ def _finish(
     if figures:
         table.add_section()
     for row in figures:
-        value, unit = (f"{row.value:.4g}", row.unit) if isfinite(row.value) else ("never", "")
-        table.add_row(escape(row.name), value, escape(unit))
+        value = f"{row.value:.4g}" if isfinite(row.value) else "none"
+        table.add_row(escape(row.name), value, escape(row.reason or row.unit))
     console = standard_output()
     console.print(table)
     for file in (options.output, options.plot):
         if file is not None and well:
             console.print(f"Written: {escape(str(file))}", soft_wrap=True)
-    return 0 if well else 1
+    return code
 
 
-def _figures(result: Result) -> list[Row]:
-    """Tracking figures, none for a run too short to have them."""
-    from ..result.summary import summary
-
-    try:
-        return summary(result)
-    except DescriptionError:
-        return []
+def _not_finite(wrong: Mapping[str, float]) -> str:
+    """Which variables are not finite, and from when; the first ones first."""
+    first = sorted(wrong.items(), key=lambda item: item[1])
+    shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
+    more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
+    return f"{shown}{more}. No figure is computed from these."
 
 
 def _show_messages(result: Result, but: str = "") -> None:

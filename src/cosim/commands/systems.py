@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..errors import DescriptionError, suggest
-from .console import fmus_argument, given_values, set_argument
+from ..errors import DescriptionError
+from .console import fmus_argument, set_argument
 
 if TYPE_CHECKING:
     from ..system.system import System
@@ -15,10 +15,14 @@ if TYPE_CHECKING:
 
 def system_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of every command that takes a system."""
-    parser.add_argument("system", metavar="SYSTEM", help="a system file, or one of 'cosim list' (shams2010/fsmc_5sin)")
+    parser.add_argument(
+        "system",
+        metavar="SYSTEM|FMU",
+        help="a system file, one of 'cosim list' (shams2010/fsmc_5sin), or an FMU, which runs alone then",
+    )
     set_argument(parser)
     parser.add_argument("--stop-time", metavar="SECONDS", help="end of the run, such as 2.5")
-    parser.add_argument("--step-size", metavar="SECONDS", help="communication step, such as 1e-4")
+    parser.add_argument("--step-size", metavar="SECONDS", help="communication step, such as 1e-4 or 1/30")
     parser.add_argument(
         "--order", metavar="ORDER", help="sequential, parallel, or instances such as trajectory,controller,plant"
     )
@@ -32,29 +36,39 @@ def system_arguments(parser: argparse.ArgumentParser) -> None:
     fmus_argument(parser)
 
 
+def given_values(items: Sequence[str]) -> dict[str, object]:
+    """The values of ``--set`` by variable. Raises DescriptionError with every item that cannot be read."""
+    from ..system.values import parse_settings
+
+    return parse_settings(items)
+
+
 def given_system(options: argparse.Namespace) -> System:
-    """The checked system that the arguments name. Raises DescriptionError."""
+    """The checked system that the arguments name. Raises DescriptionError with every problem, of ``--set``, too."""
     from ..system.system import read_system
 
-    order = options.order
-    if order is not None and order not in ("sequential", "parallel"):
+    problems: list[str] = []
+    values: dict[str, object] = {}
+    try:
+        values = given_values(options.values)
+    except DescriptionError as error:
+        problems += error.problems
+    order: str | Sequence[str] | None = options.order
+    if isinstance(order, str) and order not in ("sequential", "parallel"):
         order = [name.strip() for name in order.split(",")]
-    return read_system(
-        _system_path(options.system),
-        given_values(options.values),
-        fmus=options.fmus,
-        stop_time=options.stop_time,
-        step_size=options.step_size,
-        order=order,
-        record=options.record,
-        decimation=options.decimation,
-    )
-
-
-def _system_path(text: str) -> Path:
-    from ..fmu.places import shipped_file, shipped_systems
-
-    path = shipped_file(text)
-    if path.exists() or text.endswith((".toml", ".ssp", ".ssd")):
-        return path
-    raise DescriptionError(f"{text}: neither a file nor a system shipped.{suggest(text, shipped_systems())}")
+    try:
+        system = read_system(
+            options.system,
+            values,
+            fmus=options.fmus,
+            stop_time=options.stop_time,
+            step_size=options.step_size,
+            order=order,
+            record=options.record,
+            decimation=options.decimation,
+        )
+    except DescriptionError as error:
+        raise DescriptionError([*problems, *error.problems]) from None
+    if problems:
+        raise DescriptionError(problems)
+    return system

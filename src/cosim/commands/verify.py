@@ -12,7 +12,6 @@ from rich.markup import escape
 
 from ..errors import DescriptionError
 from .console import Bar, fmus_argument, make_table, print_error, print_json, print_note, standard_output
-from .fmus import fmu_path
 
 if TYPE_CHECKING:
     from ..reference.replay import Outcome, Report
@@ -80,12 +79,14 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _paths(text: str, folder: Path | None) -> list[Path]:
+    from ..fmu.places import find_fmu, fmus_in
+
     if Path(text).is_dir():
-        found = sorted(Path(text).glob("*.fmu"))
+        found = list(fmus_in(Path(text)).values())
         if not found:
             raise DescriptionError(f"{text}: no .fmu file in this folder.")
         return found
-    path = fmu_path(text, folder)
+    path = find_fmu(text, folder)
     if not path.is_file():
         raise DescriptionError(f"{path}: no such file.")
     return [path]

@@ -23,9 +23,11 @@ import numpy as np
 
 from ..errors import DescriptionError
 from ..files import write_file
+from ..fmu.places import has_ending
 from ..master.simulation import simulate
 from ..result.metrics import Array
 from ..system.system import System, read_system
+from .measured import read_columns
 
 NODES = 128
 """Nodes of the NCT in the controllers of this library."""
@@ -99,7 +101,7 @@ def identify_nct(
 
     ``alpha`` in 1/s or ``e_lin`` in m fixes the linear part. Raises DescriptionError for signals that do not serve.
     """
-    if isinstance(source, str | Path) and Path(source).suffix == ".csv":
+    if isinstance(source, str | Path) and has_ending(source, ".csv"):
         time, drive, place, rate = read_signals(Path(source))
     else:
         system = source if isinstance(source, System) else read_system(source, fmus=fmus)
@@ -110,24 +112,14 @@ def identify_nct(
 
 
 def read_signals(path: Path) -> tuple[Array, Array, Array, Array | None]:
-    """The columns t, u, x and, if it is there, v of a CSV file with a header."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            names = [name.strip().strip('"') for name in file.readline().split(",")]
-            data = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
-    except (OSError, ValueError) as error:
-        raise DescriptionError(f"{path}: cannot be read: {error}") from None
-    missing = [name for name in ("t", "u", "x") if name not in names]
-    if missing or data.shape[1] != len(names):
+    """The columns t, u, x and, if it is there, v of a CSV file with a header. Raises DescriptionError."""
+    columns = read_columns(path)
+    if not {"t", "u", "x"} <= set(columns):
         raise DescriptionError(
-            f"{path}: columns are {', '.join(names)}. Give t in s, u in the unit of the command, x in m, "
+            f"{path}: columns are {', '.join(columns)}. Give t in s, u in the unit of the command, x in m, "
             "and v in m/s if it was measured."
         )
-
-    def column(name: str) -> Array:
-        return data[:, names.index(name)]
-
-    return column("t"), column("u"), column("x"), column("v") if "v" in names else None
+    return columns["t"], columns["u"], columns["x"], columns.get("v")
 
 
 def nct_from_signals(
@@ -145,6 +137,11 @@ def nct_from_signals(
     """
     if alpha is not None and e_lin is not None:
         raise DescriptionError("both alpha and e_lin are given. Give one; the other follows.")
+    signals = {"time": time, "command": command, "position": position}
+    for name, signal in (signals if velocity is None else {**signals, "velocity": velocity}).items():
+        if not np.all(np.isfinite(signal)):
+            first = int(np.argmin(np.isfinite(signal)))
+            raise DescriptionError(f"{name} is not finite everywhere; the first such sample is number {first + 1}.")
     if time.size < 8 or np.ptp(np.diff(time)) > 1e-3 * (time[1] - time[0]):
         raise DescriptionError("the samples are not equally spaced, or too few: record at one sampling time.")
     step = float(time[-1] - time[0]) / (time.size - 1)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..fmu.places import find_system, has_ending
 from ..master.simulation import Checkpoint, Simulation
 from ..result.metrics import Array
 from ..system.system import System, make_system, read_system
@@ -111,8 +112,10 @@ def linearize(
     ``inputs`` and ``outputs`` choose some and their order (default: all of type Real). Raises DescriptionError,
     CallError if the FMU does not give derivatives.
     """
-    if isinstance(source, str | Path) and str(source).endswith(".fmu"):
-        system, instance = alone(Path(source), start or {}), "fmu"
+    if not isinstance(source, System):
+        source = find_system(str(source), None if fmus is None else Path(fmus))
+    if isinstance(source, Path) and has_ending(source, ".fmu"):
+        system, instance = alone(source, start or {}), "fmu"
     else:
         system = source if isinstance(source, System) else read_system(source, fmus=fmus)
         system = system.changed({f"{instance}.{name}": value for name, value in (start or {}).items()})

@@ -6,10 +6,8 @@ import hashlib
 import itertools
 import json
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,6 +16,7 @@ import numpy as np
 from ..errors import DescriptionError, suggest
 from ..fmu.description import Variable
 from ..fmu.places import shipped_file
+from ..fmu.text import read_toml
 from ..result import metrics as figures
 from ..result.result import Result
 from ..result.summary import tracking
@@ -91,14 +90,7 @@ class Sweep:
 def read_sweep(path: str | Path, *, fmus: str | Path | None = None) -> Sweep:
     """Read and check a sweep file. Raises DescriptionError with every problem found."""
     path = shipped_file(path)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"), parse_float=Decimal)
-    except FileNotFoundError:
-        raise DescriptionError(f"{path}: no such file.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DescriptionError(f"{path}: cannot be read ({error}).") from None
-    except tomllib.TOMLDecodeError as error:
-        raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None
+    document = read_toml(path)
     return make_sweep(document, name=path.name, folder=path.parent, fmus=fmus)
 
 
@@ -115,7 +107,10 @@ def make_sweep(
     problems += [f"{name}: experiment.{key}: unknown key. Known: stop_time, step_size, order." for key in wrong]
     if wrong:
         raise DescriptionError(problems)
-    system = read_system(Path(folder) / document["system"], fmus=fmus, **experiment)
+    try:
+        system = read_system(Path(folder) / document["system"], fmus=fmus, **experiment)
+    except DescriptionError as error:
+        raise DescriptionError([*problems, *error.problems]) from None
     parameters: dict[str, Any] = dict(document.get("parameters", {}))
     if not parameters:
         problems.append(f'{name}: parameters: none given. Write "plant.m" = [60.0, 70.0].')

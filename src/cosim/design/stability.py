@@ -18,7 +18,6 @@ Engineering 32, 2008, secs. 4 and 6; Jury's test as in Astrom & Wittenmark, Comp
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
 from ..fmu.places import shipped_file
+from ..fmu.text import read_toml
 from ..master.simulation import Simulation
 from ..result.metrics import Array
 from ..result.result import Result
@@ -432,10 +432,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
     Raises DescriptionError.
     """
     path = shipped_file(path)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise DescriptionError(f"{path}: cannot be read: {error}") from None
+    document = read_toml(path)
     known = ("system", "description", "alpha", "K", "W", "pulse", "controller", "overrides", "cases")
     problems = [f"{path.name}: {key}: unknown key.{suggest(key, known)}" for key in document if key not in known]
     problems += [
@@ -458,7 +455,15 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
         if table.get("nct", False):
             error, rate = identify_nct(path.parent / document["pulse"], alpha=alpha, fmus=fmus).nodes()
             overrides |= {f"{controller}.nct.error": list(error), f"{controller}.nct.rate": list(rate)}
-        cases.append(Case(name, overrides, table.get("W", document["W"]), alpha, float(table.get("first", 300.0))))
+        cases.append(
+            Case(
+                name,
+                overrides,
+                [float(W) for W in table.get("W", document["W"])],
+                alpha,
+                float(table.get("first", 300.0)),
+            )
+        )
     return MapFile(str(document.get("description", "")), system, tuple(cases), float(document["K"]))
 
 

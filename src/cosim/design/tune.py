@@ -25,11 +25,9 @@ wins, so limits need no weights. A run that fails keeps no limit.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 from threading import Lock, get_ident
 from typing import Any, cast
@@ -39,6 +37,7 @@ import numpy as np
 from ..errors import CosimError, DescriptionError, suggest
 from ..files import write_file
 from ..fmu.places import shipped_file
+from ..fmu.text import read_toml
 from ..master.simulation import Simulation
 from ..result.metrics import Array
 from .plan import Range, Sweep, make_sweep, measure, read_range
@@ -88,10 +87,7 @@ class Tuned:
 def read_tuning(path: str | Path, *, fmus: str | Path | None = None) -> Tuning:
     """Read and check a tuning file. Raises DescriptionError."""
     path = shipped_file(path)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"), parse_float=Decimal)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise DescriptionError(f"{path}: cannot be read: {error}") from None
+    document = read_toml(path)
     return make_tuning(document, name=path.name, folder=path.parent, fmus=fmus)
 
 
@@ -100,9 +96,11 @@ def make_tuning(
 ) -> Tuning:
     """Check a tuning given as nested tables, as a tuning file holds them."""
     own = ("objective", "limits", "generations", "population", "seed")
+    shared_keys = ("system", "description", "parameters", "experiment", "metrics")
     parameters = dict(cast("Mapping[str, Any]", document.get("parameters", {})))
     ranges: list[Range] = []
-    problems: list[str] = []
+    known_keys = (*shared_keys, *own)
+    problems = [f"{name}: {key}: unknown key.{suggest(key, known_keys)}" for key in document if key not in known_keys]
     for path, given in parameters.items():
         try:
             ranges.append(read_range(path, cast("Mapping[str, Any]", given if isinstance(given, Mapping) else {})))
@@ -110,7 +108,7 @@ def make_tuning(
             problems += [f"{name}: {problem}" for problem in error.problems]
     if problems:
         raise DescriptionError(problems)
-    shared = {key: value for key, value in document.items() if key not in own}
+    shared = {key: value for key, value in document.items() if key in shared_keys}
     middles = {path: [reach.at(0.5)] for path, reach in zip(parameters, ranges, strict=True)}
     # The ends, too, must be values that the variables take.
     for share in (0.0, 1.0):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import DescriptionError, suggest
 from ..files import write_file
+from .places import fmus_in
 
 
 def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: bool = False) -> list[Path]:
@@ -16,7 +17,7 @@ def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: b
     Raises DescriptionError with every unknown name and every file in the way, and has copied nothing then; FileError
     for a folder that cannot be written to.
     """
-    known = {path.stem: path for path in sorted(source.glob("*.fmu"))}
+    known = fmus_in(source)
     problems = [f"no FMU '{name}' in {source}.{suggest(name, known)}" for name in names if name not in known]
     if not known:
         problems.append(f"{source}: there is no FMU. Build the FMUs, or name another folder with --fmus.")

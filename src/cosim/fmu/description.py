@@ -6,14 +6,16 @@ A file from elsewhere is not trusted: every member of its archive is checked bef
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import re
 import stat
 import sys
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path, PurePosixPath
@@ -23,6 +25,7 @@ from typing import Any, Literal, cast
 
 from ..errors import DescriptionError
 from ..files import temporary_folder
+from ..units import Unit, resolve_unit
 from .archive import checked_members, unpack
 
 fmi: Any = import_module("fmpy.model_description")
@@ -37,8 +40,8 @@ Value = float | int | bool | str
 MAX_DESCRIPTION_BYTES = 64 * 2**20
 
 
-ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+)\]")
-"""Name of an element of an array."""
+ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:\s*,\s*\d+)*)\]")
+"""Name of an element of an array: ``a[1]``, or ``a[1,2]`` of an array of two dimensions."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,23 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class Array:
+    """An array of scalar variables ``a[1]``, ``a[2]`` ..., or ``a[1,1]``, ``a[1,2]`` ..."""
+
+    elements: tuple[str, ...]
+    """Names of the elements in the order of their indices, the last index fastest, wherever the file has them."""
+    first: tuple[int, ...]
+    """The smallest index of each dimension: 0 or 1 in most files."""
+    shape: tuple[int, ...]
+    """Number of elements along each dimension; empty if indices are missing or of different length."""
+
+    @property
+    def span(self) -> str:
+        """The indices as text, such as ``1..10`` or ``1..2, 1..3``."""
+        return ", ".join(f"{low}..{low + n - 1}" for low, n in zip(self.first, self.shape, strict=True))
+
+
+@dataclass(frozen=True)
 class Fmu:
     """An FMI 2.0 co-simulation FMU as its file describes it."""
 
@@ -96,17 +116,22 @@ class Fmu:
     variables: Mapping[str, Variable]
     dependencies: Mapping[str, tuple[str, ...]]
     """The inputs on which each output depends directly (feedthrough)."""
-    arrays: Mapping[str, tuple[str, ...]]
-    """Element names of each array: ``a`` of ``a[1]``, ``a[2]`` ..."""
-    base_units: Mapping[str, tuple[float, ...]]
-    """Factor, offset and exponents of the units for which the file states them."""
+    arrays: Mapping[str, Array]
+    """The array ``a`` of ``a[1]``, ``a[2]`` ..."""
+    base_units: Mapping[str, Unit]
+    """The units for which the file states a BaseUnit."""
     log_categories: tuple[str, ...]
-    step_size: float | None
+    start_time: float | None
     stop_time: float | None
+    step_size: float | None
+    tolerance: float | None
+    """Times, step and tolerance of DefaultExperiment, where the file states them."""
     platforms: tuple[str, ...]
     library: str | None
     """The archive member to load on this machine, None if there is none."""
     once_per_process: bool = False
+    needs_tool: bool = False
+    """Whether the tool that made the FMU must be installed to run it."""
     _stamp: tuple[int, int] = field(default=(0, 0), repr=False)
 
     @property
@@ -118,6 +143,10 @@ class Fmu:
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs, in the order of the file."""
         return tuple(v.name for v in self.variables.values() if v.causality == "output")
+
+    def unit(self, name: str) -> Unit | None:
+        """What this file means by a unit: what it states, else what its name says; None for an unknown name."""
+        return resolve_unit(name, self.base_units)
 
     def extract(self, folder: Path) -> Path:
         """Unpack into ``folder`` what a run on this machine needs; the path of the library.
@@ -239,11 +268,6 @@ def _describe(path: Path, stamp: tuple[int, int], digest: str, xml: bytes, names
         if unknown.dependencies is not None:
             needed = {known.name for known in unknown.dependencies}
             dependencies[unknown.variable.name] = tuple(name for name in inputs if name in needed)
-    arrays: dict[str, list[str]] = {}
-    for name in variables:
-        match = ELEMENT.fullmatch(name)
-        if match:
-            arrays.setdefault(match["name"], []).append(name)
     folders = {
         parts[1] for parts in (PurePosixPath(n).parts for n in names) if len(parts) > 2 and parts[0] == "binaries"
     }
@@ -261,16 +285,41 @@ def _describe(path: Path, stamp: tuple[int, int], digest: str, xml: bytes, names
         digest=digest,
         variables=MappingProxyType(variables),
         dependencies=MappingProxyType(dependencies),
-        arrays=MappingProxyType({name: tuple(elements) for name, elements in arrays.items()}),
+        arrays=MappingProxyType(_arrays(variables)),
         base_units=MappingProxyType({n: _base_unit(u.baseUnit) for n, u in units.items() if u.baseUnit is not None}),
         log_categories=tuple(str(category.name) for category in model.logCategories),
-        step_size=_float(experiment.stepSize) if experiment else None,
+        start_time=_float(experiment.startTime) if experiment else None,
         stop_time=_float(experiment.stopTime) if experiment else None,
+        step_size=_float(experiment.stepSize) if experiment else None,
+        tolerance=_float(experiment.tolerance) if experiment else None,
         platforms=tuple(sorted(folders)),
         library=next((name for name in candidates if name in names), None),
         once_per_process=bool(model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        needs_tool=bool(model.coSimulation.needsExecutionTool),
         _stamp=stamp,
     )
+
+
+def _arrays(names: Iterable[str]) -> dict[str, Array]:
+    """The arrays that element names make, in the order of the file."""
+    found: dict[str, dict[tuple[int, ...], str]] = {}
+    for name in names:
+        match = ELEMENT.fullmatch(name)
+        if match:
+            found.setdefault(match["name"], {})[tuple(int(i) for i in match["index"].split(","))] = name
+    return {name: _array(elements) for name, elements in found.items()}
+
+
+def _array(elements: Mapping[tuple[int, ...], str]) -> Array:
+    indices = sorted(elements)
+    ordered = tuple(elements[index] for index in indices)
+    if len({len(index) for index in indices}) > 1:
+        return Array(ordered, (), ())
+    ranges = [(min(along), max(along)) for along in zip(*indices, strict=True)]
+    shape = tuple(high - low + 1 for low, high in ranges)
+    if math.prod(shape) != len(indices):
+        return Array(ordered, (), ())
+    return Array(ordered, tuple(low for low, _ in ranges), shape)
 
 
 def _variable(path: Path, v: Any, units: Mapping[str, Any]) -> Variable:
@@ -324,6 +373,6 @@ def _float(text: str | None) -> float | None:
     return None if text is None else float(text)
 
 
-def _base_unit(base: Any) -> tuple[float, ...]:
+def _base_unit(base: Any) -> Unit:
     exponents = (base.kg, base.m, base.s, base.A, base.K, base.mol, base.cd, base.rad)
-    return (float(base.factor), float(base.offset), *(float(exponent) for exponent in exponents))
+    return Unit(float(base.factor), tuple(Fraction(exponent) for exponent in exponents), float(base.offset))

@@ -1,33 +1,89 @@
-"""Where FMUs, systems and studies are found by name."""
+"""Where FMUs, systems and studies are found by name: the one place for all commands and functions."""
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+
+from ..errors import DescriptionError, suggest
 
 FMU_FOLDER = Path("build") / "fmus" / "native"
 
 
+SYSTEM_ENDINGS = (".toml", ".ssp", ".ssd")
+
+
 _PACKAGE = Path(__file__).resolve().parents[1]
+
+
+CHECKOUT = _PACKAGE.parents[1]
+"""The folder of the source tree, if the package is installed from one as editable."""
 
 
 PREBUILT = _PACKAGE / "prebuilt"
 """FMUs that come with the installed package; a checkout has none there."""
 
 
-def find_fmus(folder: Path) -> Path | None:
-    """Where FMUs given by name are: ``build/fmus/native`` in or above ``folder`` or the working directory, else the
-    FMUs that come with the package. None if there are none.
+def has_ending(path: str | Path, *endings: str) -> bool:
+    """Whether a file name has one of these endings, in capitals or not."""
+    return Path(path).suffix.lower() in endings
+
+
+# FMUs
+
+
+def find_fmus(folder: Path | None = None) -> Path | None:
+    """The folder of FMUs given by name, None if there is none.
+
+    It is ``build/fmus/native`` in or above ``folder`` or the working directory; else the FMUs that come with the
+    package; else those built in the checkout from which the package is installed.
     """
-    for start in (folder.resolve(), Path.cwd()):
+    for start in ([] if folder is None else [folder.resolve()]) + [Path.cwd()]:
         for place in (start, *start.parents):
             if (place / FMU_FOLDER).is_dir():
                 return place / FMU_FOLDER
-    return PREBUILT if PREBUILT.is_dir() else None
+    return next((place for place in (PREBUILT, CHECKOUT / FMU_FOLDER) if place.is_dir()), None)
+
+
+def fmus_in(folder: Path) -> dict[str, Path]:
+    """The FMU files of a folder by name, in the order of their names."""
+    files = sorted(folder.iterdir()) if folder.is_dir() else []
+    return {path.stem: path for path in files if has_ending(path, ".fmu")}
+
+
+def is_fmu_path(text: str) -> bool:
+    """Whether an FMU is given by its path rather than by name."""
+    return has_ending(text, ".fmu") or "/" in text or "\\" in text
+
+
+def find_fmu(text: str, fmus: Path | None = None, folder: Path | None = None) -> Path:
+    """The file of an FMU given by path, from ``folder``, or by name in ``fmus`` (``find_fmus`` if not given).
+
+    Raises DescriptionError for a name that is not there; a path is not looked at.
+    """
+    if is_fmu_path(text):
+        return Path(text) if folder is None else folder / text
+    where = fmus if fmus is not None else find_fmus(folder)
+    if where is None:
+        start = Path.cwd() if folder is None else folder.resolve()
+        raise DescriptionError(
+            f"no FMU folder found for '{text}': there is no {FMU_FOLDER.as_posix()} in or above {start}. "
+            "Build the FMUs, or name the folder with --fmus."
+        )
+    known = fmus_in(where)
+    if text not in known:
+        hint = "" if known else " The folder has no FMUs: build them, or name another with --fmus."
+        raise DescriptionError(f"no FMU '{text}' in {where}.{suggest(text, known)}{hint}")
+    return known[text]
+
+
+# Systems and studies
 
 
 def study_folders() -> tuple[Path, ...]:
     """Where studies are looked for: beside the package's source tree, then inside the installed package."""
-    return (_PACKAGE.parents[1] / "studies", _PACKAGE / "studies")
+    return (CHECKOUT / "studies", _PACKAGE / "studies")
 
 
 def shipped_file(path: str | Path) -> Path:
@@ -45,7 +101,45 @@ def shipped_file(path: str | Path) -> Path:
 def shipped_systems() -> dict[str, Path]:
     """System files that come with the project: ``study/system`` -> path."""
     found: dict[str, Path] = {}
-    for place in study_folders():
-        for path in sorted(place.glob("*/*.toml")):
-            found.setdefault(f"{path.parent.name}/{path.stem}", path)
+    for path in _shipped("*/*.toml"):
+        name = f"{path.parent.name}/{path.stem}"
+        if name not in found and _is_system(path):
+            found[name] = path
     return found
+
+
+def shipped_studies() -> dict[str, Path]:
+    """Studies that come with the project: name -> folder."""
+    found: dict[str, Path] = {}
+    for path in _shipped("*/study.py"):
+        found.setdefault(path.parent.name, path.parent)
+    return found
+
+
+def _shipped(pattern: str) -> Iterator[Path]:
+    for place in study_folders():
+        yield from sorted(place.glob(pattern))
+
+
+def _is_system(path: Path) -> bool:
+    """Whether a TOML file is a system: it has instances, or completes a file that has."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return True  # a damaged system is listed as such
+    return "instances" in document or "base" in document
+
+
+def find_system(text: str, fmus: Path | None = None) -> Path:
+    """The file of a system given by path or by its name among those shipped; an FMU, by path or name, is one, too.
+
+    Raises DescriptionError for a name that is neither; a path is not looked at.
+    """
+    path = shipped_file(text)
+    if path.is_file() or has_ending(text, *SYSTEM_ENDINGS, ".fmu"):
+        return path
+    where = fmus if fmus is not None else find_fmus()
+    known = {} if where is None else fmus_in(where)
+    if text in known:
+        return known[text]
+    raise DescriptionError(f"{text}: no such file, system or FMU.{suggest(text, [*shipped_systems(), *known])}")

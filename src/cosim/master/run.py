@@ -152,16 +152,10 @@ class Run:
         system = self.system
         for slave, instance in zip(self.slaves, system.instances, strict=True):
             slave.set_all(instance.start)
-        tolerance = system.tolerance
         for slave in self.slaves:
-            slave.call(
-                "fmi2SetupExperiment",
-                tolerance is not None,
-                0.0 if tolerance is None else tolerance,
-                self.clock[0],
-                True,
-                float(system.stop_time),
-            )
+            tolerance = (slave.fmu.tolerance if system.tolerance is None else system.tolerance) or 0.0
+            times = self.clock[0], True, float(system.stop_time)
+            slave.call("fmi2SetupExperiment", tolerance > 0.0, tolerance, *times)
         for slave in self.slaves:
             slave.call("fmi2EnterInitializationMode")
         self.propagate()
@@ -331,6 +325,9 @@ def system_metadata(system: System) -> dict[str, Any]:
         "order": system.order if isinstance(system.order, str) else list(system.order),
         "decimation": system.decimation,
         "connections": [str(connection) for connection in system.connections],
+        "transformations": {
+            str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
+        },
         "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
         "versions": dict(_versions()),
     }

@@ -46,7 +46,7 @@ from .instance import CallError, FmuInstance, loaded, value_references
 from .isolation import simulate_isolated
 from .program import Program, make_program, same_program
 from .run import Progress, Run
-from .signals import counted
+from .signals import Presses, counted
 
 
 def simulate(
@@ -121,6 +121,13 @@ class Simulation:
         run = self._ready(self.system if system is None else system)
         with counted(most=1) as interrupted:
             return run.go(progress, interrupted)
+
+    def initialize(self) -> Result:
+        """Bring all instances to the end of their initialization, as a run does; no step, no rows.
+
+        The result has the messages. Raises CallError.
+        """
+        return self._ready(self.system).go(None, Presses(), end=0)
 
     def pause(self, time: float, system: System | None = None) -> Checkpoint:
         """Run from the start to ``time`` and keep what there is, for ``resume``.

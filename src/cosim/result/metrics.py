@@ -2,7 +2,8 @@
 
 Every function takes plain arrays, one value a sample: ``time`` in s, other signals in any unit; a result has the unit
 of its signal unless its docstring says otherwise. Cut the arrays with ``window`` first where only a part counts. The
-position error is position minus reference, so a positive error leads a positive motion.
+position error is position minus reference, so a positive error leads a positive motion. A signal with samples that are
+not finite has no figure: single figures are NaN then, tests of several figures raise DescriptionError.
 
 Terms of circular tests are those of ISO 230-4: radial deviation F about the commanded centre, circular deviation G
 about the least-squares centre, circular hysteresis H between the two senses of rotation.
@@ -30,6 +31,12 @@ def _need(samples: Array, least: int = 1) -> None:
         raise DescriptionError(f"{samples.size} samples in the window: give one with at least {least}.")
 
 
+def _need_finite(*signals: Array) -> None:
+    for signal in signals:
+        if not np.all(np.isfinite(signal)):
+            raise DescriptionError("a signal is not finite everywhere: there is no figure.")
+
+
 def window(time: Array, start: float = -math.inf, stop: float = math.inf) -> slice:
     """The samples with start <= time <= stop, as a slice; ends count if they are within 1e-6 of a sample spacing.
 
@@ -50,24 +57,31 @@ def window(time: Array, start: float = -math.inf, stop: float = math.inf) -> sli
 def max_abs(signal: Array) -> float:
     """Largest magnitude."""
     _need(signal)
-    return float(np.max(np.abs(signal)))
+    peak = float(np.max(np.abs(signal)))
+    return peak if math.isfinite(peak) else math.nan
 
 
 def rms(signal: Array) -> float:
     """Root of the mean square."""
     peak = max_abs(signal)
-    return peak * float(np.sqrt(np.mean(np.square(signal / peak)))) if 0.0 < peak < math.inf else peak
+    return peak * float(np.sqrt(np.mean(np.square(signal / peak)))) if peak > 0.0 else peak
 
 
 def std(signal: Array) -> float:
     """Standard deviation about the mean, divided by the number of samples."""
     peak = max_abs(signal)
-    return peak * float(np.std(signal / peak)) if 0.0 < peak < math.inf else peak
+    return peak * float(np.std(signal / peak)) if peak > 0.0 else peak
+
+
+def mean(signal: Array) -> float:
+    """Arithmetic mean."""
+    _need(signal)
+    return float(np.mean(signal)) if np.all(np.isfinite(signal)) else math.nan
 
 
 def steady_value(time: Array, signal: Array, duration: float) -> float:
     """Mean over the last ``duration`` seconds."""
-    return float(np.mean(signal[window(time, time[-1] - duration)]))
+    return mean(signal[window(time, time[-1] - duration)])
 
 
 def total_variation(time: Array, signal: Array) -> float:
@@ -76,12 +90,16 @@ def total_variation(time: Array, signal: Array) -> float:
     A smooth signal of amplitude A and frequency f has 4*A*f; chatter shows as a value orders of magnitude above.
     """
     _need(time, 2)
+    if not np.all(np.isfinite(signal)):
+        return math.nan
     return float(np.sum(np.abs(np.diff(signal))) / (time[-1] - time[0]))
 
 
 def overshoot(signal: Array, start: float, final: float) -> float:
     """How far ``signal`` goes beyond ``final`` on its way from ``start``; 0 if it never does."""
     _need(signal)
+    if not (np.all(np.isfinite(signal)) and math.isfinite(start) and math.isfinite(final)):
+        return math.nan
     return max(0.0, float(np.max((signal - final) * math.copysign(1.0, final - start))))
 
 
@@ -91,7 +109,7 @@ def settling_time(time: Array, signal: Array, final: float, band: float, start: 
     NaN if the last sample is outside the band: it has not settled.
     """
     _need(signal)
-    outside = np.flatnonzero(np.abs(signal - final) > band)
+    outside = np.flatnonzero(~(np.abs(signal - final) <= band))  # NaN is outside
     if outside.size == 0:
         return float(time[0]) - start
     if outside[-1] + 1 == signal.size:
@@ -104,6 +122,8 @@ def rise_time(time: Array, signal: Array, *, start: float, final: float, low: fl
 
     Crossings are interpolated between samples; NaN if ``high`` is never reached.
     """
+    if not np.all(np.isfinite(signal)):
+        return math.nan
     way = (signal - start) / (final - start)
 
     def crossing(level: float) -> float:
@@ -123,6 +143,7 @@ def reversal_times(time: Array, reference: Array) -> Array:
 
     The time is that of the extreme sample, the last one of a rest.
     """
+    _need_finite(reference)
     step = np.diff(reference)
     moving = np.flatnonzero(step)
     turned = np.flatnonzero(np.signbit(step[moving[1:]]) != np.signbit(step[moving[:-1]]))
@@ -151,6 +172,7 @@ def reversal_peaks(time: Array, error: Array, reference: Array) -> list[Reversal
     Only the first half of the way to the next reversal counts as after it; the second half leads up to the next. The
     last reversal has no next one: it counts if as much time as the shortest way before it was recorded.
     """
+    _need_finite(error)
     times = reversal_times(time, reference)
     if times.size < 2:
         return []
@@ -181,6 +203,8 @@ def reversal_peaks(time: Array, error: Array, reference: Array) -> list[Reversal
 def sine_amplitude(time: Array, signal: Array, frequency: float) -> float:
     """Amplitude of the component at ``frequency`` Hz (least squares with a constant), over the given samples."""
     _need(time, 3)
+    if not np.all(np.isfinite(signal)):
+        return math.nan
     angle = 2.0 * math.pi * frequency * time
     basis = np.column_stack((np.sin(angle), np.cos(angle), np.ones_like(time)))
     solution = np.linalg.lstsq(basis, signal, rcond=None)[0]
@@ -202,6 +226,7 @@ def least_squares_circle(x: Array, y: Array) -> tuple[float, float, float]:
     Raises DescriptionError for fewer than three samples.
     """
     _need(x, 3)
+    _need_finite(x, y)
     x_mean, y_mean = float(np.mean(x)), float(np.mean(y))
     u, v = x - x_mean, y - y_mean
     ones = np.ones_like(u)
@@ -311,6 +336,7 @@ def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: flo
     The angle is that of the commanded point and counts from its first sample's axis, growing along the motion.
     Raises DescriptionError if the path has not that many turns.
     """
+    _need_finite(x, y, x_ref, y_ref)
     angle = np.unwrap(np.arctan2(y_ref, x_ref))
     travelled = (angle - angle[0]) * math.copysign(1.0, float(angle[-1] - angle[0]))
     begin, end = 2.0 * math.pi * (turn - 1), 2.0 * math.pi * turn

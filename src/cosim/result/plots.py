@@ -261,7 +261,9 @@ def plot_run(result: Recorded, path: Path) -> None:
                     for i, loop in enumerate(found)
                     for series in (
                         Series(name(loop, "position"), result.time, result[loop.position], 2 * i),
-                        Series(name(loop, "reference"), result.time, result[loop.reference], 2 * i + 1, dashed=True),
+                        Series(
+                            name(loop, "reference"), result.time, loop.reference_values(result), 2 * i + 1, dashed=True
+                        ),
                     )
                 ),
             )

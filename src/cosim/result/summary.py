@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
+from ..errors import DescriptionError
 from ..units import conversion
 from .metrics import (
     Array,
     circular_test,
     max_abs,
+    mean,
     overshoot,
     rms,
     settling_time,
@@ -21,6 +23,10 @@ from .metrics import (
     total_variation,
     window,
 )
+
+RESTS = 0.01
+"""Share of the record for which a reference must not change at the end, so that a step is judged."""
+
 
 # A recorded run.
 
@@ -48,39 +54,73 @@ class Loop:
     position: str
     command: str
     """``""`` if it was not recorded."""
+    scale: tuple[float, float] = (1.0, 0.0)
+    """Factor and offset from the unit of the reference to that of the position, as the connections have them."""
+
+    def reference_values(self, result: Recorded) -> Array:
+        """The reference in the unit of the position."""
+        factor, offset = self.scale
+        values = result[self.reference]
+        return values if self.scale == (1.0, 0.0) else factor * values + offset
 
     def error(self, result: Recorded) -> Array:
-        """Position minus reference."""
-        return result[self.position] - result[self.reference]
+        """Position minus reference, in the unit of the position."""
+        return result[self.position] - self.reference_values(result)
 
 
 def loops(result: Recorded) -> list[Loop]:
     """The position loops of a run: every instance whose inputs ``position_ref`` and ``position`` are connected.
 
     Their sources are the loop's reference and position, the instance's ``command`` is its command. A loop counts if
-    both signals were recorded in the same unit. The connections are those in the result's metadata,
-    ``"source -> target"`` each.
+    both signals were recorded in one unit, or in units that the connections transform. The connections are those in
+    the result's metadata, ``"source -> target"`` each; where they transform, the metadata's ``transformations`` have
+    factor and offset.
     """
+    return [loop for loop, reason in _loops(result) if not reason]
+
+
+def _loops(result: Recorded) -> Iterator[tuple[Loop, str]]:
+    """Every position loop, and why it has no figures, ``""`` if it has."""
     connections = cast("Sequence[str]", result.metadata.get("connections", ()))
-    ends = [connection.split(" -> ") for connection in connections]
-    sources = {target: source for source, target in ends}
+    scales = cast("Mapping[str, Sequence[float]]", result.metadata.get("transformations", {}))
     recorded = set(result.names)
-    found: list[Loop] = []
-    for target, reference in sources.items():
-        instance, _, variable = target.rpartition(".")
-        position = sources.get(f"{instance}.position")
-        if variable != "position_ref" or position is None or not {reference, position} <= recorded:
+    sources: dict[str, tuple[str, tuple[float, float]]] = {}
+    for connection in connections:
+        source, target = _ends(connection, recorded)
+        factor, offset = scales.get(connection, (1.0, 0.0))
+        sources[target] = source, (factor, offset)
+    for target, (reference, scale) in sources.items():
+        instance, dot, variable = target.partition(".")
+        if not dot or variable != "position_ref" or f"{instance}.position" not in sources:
             continue
-        if result.unit(reference) == result.unit(position):
-            command = f"{instance}.command"
-            found.append(Loop(instance, reference, position, command if command in recorded else ""))
-    return found
+        position, other_scale = sources[f"{instance}.position"]
+        between = _between(scale, other_scale)
+        command = f"{instance}.command"
+        loop = Loop(instance, reference, position, command if command in recorded else "", between)
+        missing = [name for name in (reference, position) if name not in recorded]
+        if missing:
+            yield loop, f"{' and '.join(missing)} was not recorded: add it with --record"
+        elif between == (1.0, 0.0) and result.unit(reference) != result.unit(position):
+            yield (
+                loop,
+                f"{reference} in {result.unit(reference)} and {position} in {result.unit(position)} differ in unit",
+            )
+        else:
+            yield loop, ""
 
 
-def not_finite(result: Recorded) -> dict[str, float]:
-    """Recorded variables that are NaN or infinite somewhere, each with the first time in seconds."""
-    bad = {name: ~np.isfinite(result[name]) for name in result.names}
-    return {name: float(result.time[int(where.argmax())]) for name, where in bad.items() if where.any()}
+def _ends(connection: str, recorded: set[str]) -> tuple[str, str]:
+    """Source and target of a connection. Names may hold an arrow: of several, the one behind a recorded name counts."""
+    parts = connection.split(" -> ")
+    splits = [(" -> ".join(parts[:i]), " -> ".join(parts[i:])) for i in range(1, len(parts))]
+    return next((ends for ends in splits if ends[0] in recorded), splits[0])
+
+
+def _between(scale: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    """From the unit of a reference to that of a position, where both are scaled to the unit of the controller."""
+    if scale == other or other[0] == 0.0:
+        return 1.0, 0.0
+    return scale[0] / other[0], (scale[1] - other[1]) / other[0]
 
 
 class Row(NamedTuple):
@@ -90,84 +130,175 @@ class Row(NamedTuple):
     value: float
     unit: str
 
+    @property
+    def reason(self) -> str:
+        """Empty: there is a figure."""
+        return ""
 
-def summary(result: Recorded, start: float | None = None) -> list[Row]:
+
+class Missing(NamedTuple):
+    """One line of a table of figures for which there is no value."""
+
+    name: str
+    reason: str
+    """Why there is none."""
+
+    @property
+    def value(self) -> float:
+        """NaN."""
+        return math.nan
+
+    @property
+    def unit(self) -> str:
+        """Empty: there is no value."""
+        return ""
+
+
+Figure = Row | Missing
+
+
+def summary(result: Recorded, start: float | None = None) -> list[Figure]:
     """The table that ends a run: tracking figures of every loop from ``start`` s on (the last half if not given).
 
-    Empty if the run has no loop. Lengths are in um. If the reference rests from ``start`` on at a place other than
-    the position's first, overshoot and settling into 2 % of the way are told as well; if two loops go along a circle
-    about the origin, the circular test of its last whole turn. No figure is computed from signals that are not finite.
+    Empty if the run has no loop. Lengths are in um, other positions in their own unit. If the reference rests
+    at the end, overshoot and settling into 2 % of its last step are told as well, counted from the reference's last
+    change; if two loops go along a circle about the origin, the circular test of its last whole turn. A figure that
+    there is not has its reason.
     """
-    time = result.time
-    if not time.size:
-        return []
-    begin = 0.5 * float(time[0] + time[-1]) if start is None else start
-    part = window(time, begin)
-    since = f" from {time[part][0]:g} s"
-    rows: list[Row] = []
-    bad = not_finite(result)
-    every = loops(result)
-    found = [loop for loop in every if not {loop.reference, loop.position} & set(bad)]
-    for loop in found:
-        prefix = f"{loop.name}: " if len(every) > 1 else ""
-        length = conversion(result.unit(loop.position), "um")
-        error = loop.error(result) * length
-        rows += [
-            Row(f"{prefix}Position error, maximum{since}", max_abs(error[part]), "um"),
-            Row(f"{prefix}Position error, rms{since}", rms(error[part]), "um"),
-            Row(f"{prefix}Position error, at the end", float(error[-1]), "um"),
-            Row(f"{prefix}Position error, maximum of the whole run", max_abs(error), "um"),
-        ]
-        reference, position = result[loop.reference], result[loop.position]
-        first, last = float(position[0]), float(reference[-1])
-        if last != first and np.ptp(reference[part]) == 0.0:
-            settled = settling_time(time, position, last, 0.02 * abs(last - first), float(time[0]))
-            rows += [
-                Row(f"{prefix}Overshoot", overshoot(position, first, last) * length, "um"),
-                Row(f"{prefix}Settling into 2 % of the step", settled * 1e3, "ms"),
-            ]
-        if loop.command and loop.command not in bad:
-            unit = result.unit(loop.command)
-            command = result[loop.command]
-            rows += [
-                Row(f"{prefix}Command, maximum", max_abs(command), unit),
-                Row(
-                    f"{prefix}Command, total variation{since}", total_variation(time[part], command[part]), f"{unit}/s"
-                ),
-            ]
-    if len(found) == 2:
-        rows += _circle_rows(result, found[0], found[1])
+    rows: list[Figure] = []
+    found = list(_loops(result)) if result.time.size else []
+    for loop, reason in found:
+        prefix = f"{loop.name}: " if len(found) > 1 else ""
+        rows += [Missing(f"{prefix}Position error", reason)] if reason else _loop_rows(result, loop, prefix, start)
+    complete = [loop for loop, reason in found if not reason]
+    if len(complete) == 2:
+        rows += _circle_rows(result, complete[0], complete[1])
     return rows
 
 
-def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Row]:
-    """The circular test of the last whole turn; empty if the references do not go along a circle about the origin."""
-    length = conversion(result.unit(x.position), "um")
-    if result.unit(y.position) != result.unit(x.position):
+def _figure(name: str, unit: str, compute: Callable[[], float]) -> Figure:
+    """A figure, or the reason why there is none."""
+    try:
+        return Row(name, compute(), unit)
+    except DescriptionError as error:
+        return Missing(name, str(error))
+
+
+def not_finite(result: Recorded) -> dict[str, float]:
+    """The recorded variables that are not finite everywhere, and the time from which each is not."""
+    found: dict[str, float] = {}
+    for name in result.names:
+        wrong = np.flatnonzero(~np.isfinite(result[name]))
+        if wrong.size:
+            found[name] = float(result.time[wrong[0]])
+    return found
+
+
+def _length(unit: str) -> tuple[float, str]:
+    """Factor and unit in which positions are told: um for lengths, else their own."""
+    try:
+        return conversion(unit, "um"), "um"
+    except DescriptionError:
+        return 1.0, unit
+
+
+def _loop_rows(result: Recorded, loop: Loop, prefix: str, start: float | None) -> list[Figure]:
+    wrong = not_finite(result)
+    for name in (loop.position, loop.reference):
+        if name in wrong:
+            return [Missing(f"{prefix}Position error", f"{name} is not finite from {wrong[name]:g} s on")]
+    time = result.time
+    begin = 0.5 * float(time[0] + time[-1]) if start is None else start
+    try:
+        part = window(time, begin)
+    except DescriptionError as error:
+        return [Missing(f"{prefix}Position error", str(error))]
+    since = f" from {time[part][0]:g} s"
+    factor, unit = _length(result.unit(loop.position))
+    error = loop.error(result) * factor
+    rows = [
+        Row(f"{prefix}Position error, maximum{since}", max_abs(error[part]), unit),
+        Row(f"{prefix}Position error, rms{since}", rms(error[part]), unit),
+        Row(f"{prefix}Position error, at the end", float(error[-1]), unit),
+        Row(f"{prefix}Position error, maximum of the whole run", max_abs(error), unit),
+        *_step_rows(time, loop.reference_values(result) * factor, result[loop.position] * factor, (prefix, unit)),
+    ]
+    if loop.command in wrong:
+        rows.append(Missing(f"{prefix}Command", f"{loop.command} is not finite from {wrong[loop.command]:g} s on"))
+    elif loop.command:
+        own, command = result.unit(loop.command), result[loop.command]
+        variation = f"{prefix}Command, total variation{since}"
+        rows += [
+            Row(f"{prefix}Command, maximum", max_abs(command), own),
+            _figure(variation, f"{own}/s", lambda: total_variation(time[part], command[part])),
+        ]
+    return rows
+
+
+def _step_rows(time: Array, reference: Array, position: Array, label: tuple[str, str]) -> list[Figure]:
+    """Overshoot and settling of the last step of the reference; nothing if it does not rest at the end.
+
+    A smooth motion counts as one step: from where the reference last rested to where it rests at the end.
+    """
+    prefix, unit = label
+    last = float(reference[-1])
+    changes = np.flatnonzero(np.diff(reference))
+    motion, begin, first = 0, 0, float(position[0])
+    if changes.size:
+        rest = reference.size - 1 - int(changes[-1])
+        if rest < max(2.0, RESTS * reference.size):
+            return []
+        breaks = np.flatnonzero(np.diff(changes) > 1)
+        motion = int(changes[breaks[-1] + 1]) if breaks.size else int(changes[0])
+        begin, first = int(changes[-1]) + 1, float(reference[motion])
+    if last == first:
         return []
-    x_ref, y_ref = result[x.reference] * length, result[y.reference] * length
+    settled = settling_time(time[begin:], position[begin:], last, 0.02 * abs(last - first), float(time[begin]))
+    name = f"{prefix}Settling into 2 % of the step"
+    return [
+        Row(f"{prefix}Overshoot", overshoot(position[motion:], first, last), unit),
+        Row(name, settled * 1e3, "ms") if math.isfinite(settled) else Missing(name, "never: outside at the end"),
+    ]
+
+
+def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Figure]:
+    """The circular test of the last whole turn; empty if the references do not go along a circle about the origin."""
+    if result.unit(y.position) != result.unit(x.position) or {x.position, y.position, x.reference, y.reference} & set(
+        not_finite(result)
+    ):
+        return []
+    factor, unit = _length(result.unit(x.position))
+    x_ref, y_ref = x.reference_values(result) * factor, y.reference_values(result) * factor
     radius = float(np.mean(np.hypot(x_ref, y_ref)))
     angle = np.unwrap(np.arctan2(y_ref, x_ref))
     turns = int(abs(float(angle[-1] - angle[0])) / (2.0 * math.pi) + 1e-9)
-    if turns == 0 or max_abs(np.hypot(x_ref, y_ref) - radius) > 1e-6 * radius:
+    if radius == 0.0 or max_abs(np.hypot(x_ref, y_ref) - radius) > 1e-6 * radius:
         return []
-    test = circular_test(
-        result[x.position] * length, result[y.position] * length, x_ref, y_ref, radius=radius, turn=turns
-    )
+    if np.max(np.abs(np.diff(angle)), initial=0.0) > 0.25 * math.pi:
+        return [Missing("Circular test", "less than 8 samples a turn were recorded: take a smaller decimation")]
+    if turns == 0:
+        return []
+    try:
+        test = circular_test(
+            result[x.position] * factor, result[y.position] * factor, x_ref, y_ref, radius=radius, turn=turns
+        )
+    except DescriptionError as error:
+        return [Missing("Circular test", f"too few samples were recorded: {error}")]
     return [
-        Row(f"Circular deviation G, turn {turns}", test.circular_deviation, "um"),
-        Row(f"Radial deviation F_max, turn {turns}", test.radial_max, "um"),
-        Row(f"Radial deviation F_min, turn {turns}", test.radial_min, "um"),
-        Row(f"Radial deviation, mean, turn {turns}", test.radial_mean, "um"),
-        Row(f"Reversal spike, largest, turn {turns}", max(test.spikes, key=abs), "um"),
+        Row(f"Circular deviation G, turn {turns}", test.circular_deviation, unit),
+        Row(f"Radial deviation F_max, turn {turns}", test.radial_max, unit),
+        Row(f"Radial deviation F_min, turn {turns}", test.radial_min, unit),
+        Row(f"Radial deviation, mean, turn {turns}", test.radial_mean, unit),
+        Row(f"Reversal spike, largest, turn {turns}", max(test.spikes, key=abs), unit),
     ]
 
 
 def tracking(result: Recorded, interval: tuple[float, float]) -> dict[str, float]:
-    """Figures of every position loop over ``interval``, SI units; with several loops each name begins with its loop's.
+    """Figures of every position loop over ``interval``; with several loops each name begins with its loop's.
 
-    error_max, error_rms, error_std, error_mean, error_end [m]; command_max, command_mean, command_end and
-    command_tv (total variation a second) in the unit of the command.
+    error_max, error_rms, error_std, error_mean, error_end in the unit of the position (m, rad ...); command_max,
+    command_mean, command_end and command_tv (total variation a second) in the unit of the command. NaN where a signal
+    is not finite.
     """
     part = window(result.time, *interval)
     time = result.time[part]
@@ -179,12 +310,12 @@ def tracking(result: Recorded, interval: tuple[float, float]) -> dict[str, float
         numbers[f"{prefix}error_max"] = max_abs(error)
         numbers[f"{prefix}error_rms"] = rms(error)
         numbers[f"{prefix}error_std"] = std(error)
-        numbers[f"{prefix}error_mean"] = float(np.mean(error))
-        numbers[f"{prefix}error_end"] = float(error[-1])
+        numbers[f"{prefix}error_mean"] = mean(error)
+        numbers[f"{prefix}error_end"] = mean(error[-1:])
         if loop.command:
             command = result[loop.command][part]
             numbers[f"{prefix}command_max"] = max_abs(command)
-            numbers[f"{prefix}command_mean"] = float(np.mean(command))
-            numbers[f"{prefix}command_end"] = float(command[-1])
+            numbers[f"{prefix}command_mean"] = mean(command)
+            numbers[f"{prefix}command_end"] = mean(command[-1:])
             numbers[f"{prefix}command_tv"] = total_variation(time, command)
     return numbers

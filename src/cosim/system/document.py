@@ -2,48 +2,76 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
-from decimal import Decimal
 from pathlib import Path
 from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
+from ..fmu.places import shipped_systems
+from ..fmu.text import read_toml
 from .values import decimal, flat_table
 
 
-def load_document(path: Path, parents: tuple[Path, ...]) -> dict[str, Any]:
-    """The document at ``path``, merged over the files it builds on. ``parents`` are the files that led here."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        near = suggest(path.name, (p.name for p in path.parent.glob("*.toml"))) if path.parent.is_dir() else ""
-        raise DescriptionError(f"{path}: no such file.{near}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DescriptionError(f"{path}: cannot be read ({error}).") from None
-    try:
-        document = tomllib.loads(text, parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
-        raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None
+def load_document(path: Path, parents: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """The document at ``path``, merged over the files it builds on. ``parents`` are the files that led here.
+
+    Start values have their full names as keys. Raises DescriptionError.
+    """
+    document = read_toml(path)
+    instances = document.get("instances")
+    if isinstance(instances, dict):
+        tables = cast("dict[str, Any]", instances)
+        document["instances"] = {name: _flat_start(table) for name, table in tables.items()}
     base = document.pop("base", None)
     if base is None:
         return document
-    if not isinstance(base, str) or Path(base).name != base:
-        raise DescriptionError(f"{path.name}: base: give the name of a file in the same folder.")
-    parent = path.parent / base
+    parent = _base(path, base)
     if parent.resolve() in (path.resolve(), *(p.resolve() for p in parents)):
         raise DescriptionError(f"{path.name}: base: '{base}' leads back to this file.")
     return merged(load_document(parent, (*parents, path)), document)
 
 
+def _base(path: Path, base: object) -> Path:
+    """The file that ``base`` names in the file ``path``."""
+    if isinstance(base, str):
+        if Path(base).name == base:
+            return path.parent / base
+        shipped = shipped_systems()
+        name = base.removeprefix("studies/").removesuffix(".toml")
+        if name in shipped:
+            return shipped[name]
+        hint = "" if base.startswith((".", "/")) else suggest(name, shipped)
+    else:
+        hint = ""
+    raise DescriptionError(
+        f"{path.name}: base: give the name of a file in the same folder, or of a system that comes with cosim, such "
+        f"as shams2010/fsmc_5sin.{hint}"
+    )
+
+
+def _flat_start(table: Any) -> Any:
+    """An instance's table with flat names of start values: so ``p`` and ``p[2]`` stand in one order, however given."""
+    if not isinstance(table, Mapping):
+        return table
+    items = cast("Mapping[str, Any]", table)
+    start = items.get("start")
+    return (
+        {**items, "start": dict(flat_table(cast("Mapping[str, Any]", start)))} if isinstance(start, Mapping) else items
+    )
+
+
 def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """``under`` with the entries of ``over`` in place of its own, table by table."""
+    """``under`` with the entries of ``over`` in place of its own, table by table.
+
+    A replaced value comes last, as an array of start values must after its elements.
+    """
     result = dict(under)
     for key, value in over.items():
         old = result.get(key)
         if isinstance(old, Mapping) and isinstance(value, Mapping):
             result[key] = merged(cast("Mapping[str, Any]", old), cast("Mapping[str, Any]", value))
         else:
+            result.pop(key, None)
             result[key] = value
     return result
 
@@ -73,7 +101,7 @@ def changed_document(
                 old = cast("Mapping[str, Any]", table)
                 start = old.get("start", {})
                 flat = dict(flat_table(cast("Mapping[str, Any]", start))) if isinstance(start, Mapping) else {}
-                tables[instance] = {**old, "start": {**flat, **values}}
+                tables[instance] = {**old, "start": merged(flat, values)}
         document = {**document, "instances": tables}
     record = {
         key: value
@@ -82,7 +110,13 @@ def changed_document(
     }
     if record:
         over["record"] = record
-    given = {key: decimal(value) or value for key, value in experiment.items() if value is not None}
+    given = {key: _number(value) for key, value in experiment.items() if value is not None}
     if given:
         over["experiment"] = given
     return merged(document, over), problems
+
+
+def _number(value: object) -> object:
+    """A time or step as a number, if it is one."""
+    number = decimal(value)
+    return value if number is None else number

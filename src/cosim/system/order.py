@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
+from typing import cast
 
-from .parts import Instance
+from .findings import Findings
+from .parts import Connection, Instance, Order
 
 
 def feedthrough(
@@ -50,3 +53,59 @@ def evaluation_order(
         pending -= known(name)
         visits.append(name)
     return tuple(visits)
+
+
+def find_loop(
+    instances: Mapping[str, Instance], connected: Mapping[tuple[str, str], tuple[str, str]]
+) -> list[tuple[str, str]]:
+    """An algebraic loop through inputs and outputs, empty if there is none; ``connected`` gives each input's source."""
+    graph = {**feedthrough(instances, connected), **{target: (source,) for target, source in connected.items()}}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return cast("list[tuple[str, str]]", error.args[1])
+    return []
+
+
+def visits(
+    instances: Mapping[str, Instance], connections: Sequence[Connection], order: Order, findings: Findings
+) -> tuple[str, ...]:
+    """In which order instances get their inputs and give their feedthrough outputs at a communication point."""
+    connected = {connection.target: connection.source for connection in connections}
+    outputs = feedthrough(instances, connected)
+    if isinstance(order, tuple):
+        _late(connections, outputs, order, findings)
+        return order
+    loop = find_loop(instances, connected)
+    if not loop:
+        return evaluation_order(list(instances), outputs, connected)
+    if order != "parallel":
+        findings.problem(
+            "connections",
+            f"algebraic loop: {' -> '.join('.'.join(end) for end in loop)}. Each depends directly on the one before; "
+            "put a component without feedthrough between, or name all instances in order = [...], or take "
+            'order = "parallel" (one step of delay).',
+        )
+    return tuple(instances)
+
+
+def _late(
+    connections: Sequence[Connection],
+    outputs: Mapping[tuple[str, str], tuple[tuple[str, str], ...]],
+    order: Sequence[str],
+    findings: Findings,
+) -> None:
+    """Note each connection that an order given makes one step late."""
+    for connection in connections:
+        source, target = connection.source, connection.target
+        if source not in outputs or order.index(source[0]) < order.index(target[0]):
+            continue
+        where = f"connection {connection}"
+        if source[0] == target[0]:
+            findings.note(where, f"one step of delay: {source[0]} feeds itself, and its output depends directly on it.")
+        else:
+            findings.note(
+                where,
+                f"one step of delay: {source[0]} comes after {target[0]} in the order, and its output depends "
+                f"directly on its inputs. Put {source[0]} before {target[0]}.",
+            )

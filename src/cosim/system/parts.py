@@ -24,6 +24,11 @@ class Instance:
     step_multiple: int
 
 
+Units = Literal["same", "converted", "given", "suppressed"]
+"""How a connection treats the units of its ends: they are the same; the values are converted by what the files say
+about the units; the factor that is given converts; the values are taken as they are, whatever the units."""
+
+
 @dataclass(frozen=True)
 class Connection:
     """``target = factor*source + offset``; both ends are (instance, variable)."""
@@ -32,8 +37,9 @@ class Connection:
     target: tuple[str, str]
     factor: float = 1.0
     offset: float = 0.0
-    converts: bool = False
-    """Whether a factor is given, so that the units of the ends may differ."""
+    units: Units = "same"
+    stated: tuple[float, float] = (1.0, 0.0)
+    """Factor and offset as written, which act after a conversion of units; without one they are factor and offset."""
 
     def __str__(self) -> str:
         return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"

@@ -7,10 +7,10 @@ import contextlib
 import hashlib
 import io
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from decimal import Decimal, InvalidOperation
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import fmpy.ssp
@@ -18,13 +18,13 @@ import fmpy.ssp
 from ..errors import DescriptionError, suggest
 from ..files import temporary_folder
 from ..fmu.archive import unpack
+from ..fmu.description import read_fmu
 from ..fmu.xml import parse
-from ..units import conversion, same_unit
+from ..units import Unit
+from .connections import converted
+from .parts import Connection
 from .ssp_names import ANNOTATION, lxml_etree, tag
-
-if TYPE_CHECKING:
-    pass
-
+from .ssp_units import ConnectorUnits, converted_value, defined_units
 
 _schemas = Path(fmpy.ssp.__file__).parent / "schema"
 
@@ -103,8 +103,9 @@ class SspReader:
         if problems:
             raise DescriptionError([f"{name}: SystemStructure.ssd, {problem}" for problem in problems])
         self.root = parse(content)
-        self.kinds: dict[tuple[str, str], tuple[str, str | None]] = {}
-        """Kind and unit of each connector."""
+        self.kinds: dict[tuple[str, str], str] = {}
+        """Kind of each connector."""
+        self.units = ConnectorUnits(defined_units(self.root, "ssd:Units"))
 
     def problem(self, text: str) -> None:
         self.problems.append(f"{self.name}: {text}")
@@ -124,7 +125,8 @@ class SspReader:
         for connector in top.findall(f"{tag('ssd:Connectors')}/{tag('ssd:Connector')}"):
             if connector.get("kind") == "input":
                 self.problem(f"the system has an input '{connector.get('name')}'. Connect a source inside it.")
-        self.bindings(top, {f"{name}.": table["start"] for name, table in instances.items()}, top.get("name") or "")
+        starts = {f"{name}.": (name, table["start"]) for name, table in instances.items()}
+        self.bindings(top, starts, top.get("name") or "")
         document: dict[str, Any] = {
             "instances": instances,
             "connections": [found for element in self.connections(top) if (found := self.connection(element))],
@@ -149,11 +151,17 @@ class SspReader:
         if element.get("implementation", "any") == "ModelExchange":
             self.problem(f"component '{name}' is to run as ModelExchange. Only co-simulation is offered.")
         for connector in element.findall(f"{tag('ssd:Connectors')}/{tag('ssd:Connector')}"):
+            end = name, connector.get("name")
             unit = next((child.get("unit") for child in connector if child.tag == tag("ssc:Real")), None)
-            self.kinds[name, connector.get("name")] = (connector.get("kind"), unit)
+            self.kinds[end] = connector.get("kind")
+            if unit:
+                self.units.stated[end] = unit
+        source = self.source(name, element.get("source"))
+        with contextlib.suppress(DescriptionError):  # whoever checks the system says what is wrong with an FMU
+            self.units.fmus[name] = read_fmu(self.folder / source)
         start: dict[str, Any] = {}
-        self.bindings(element, {"": start}, name)
-        table: dict[str, Any] = {"fmu": self.source(name, element.get("source")), "start": start}
+        self.bindings(element, {"": (name, start)}, name)
+        table: dict[str, Any] = {"fmu": source, "start": start}
         own = self.own(element, "cosim:Instance")
         if own is not None and own.get("stepMultiple"):
             table["step_multiple"] = int(own.get("stepMultiple"))
@@ -179,23 +187,43 @@ class SspReader:
 
     # Parameters
 
-    def bindings(self, element: Any, targets: Mapping[str, dict[str, Any]], where: str) -> None:
-        """Enter the values of the parameter bindings of an element; of a name's prefixes the target's is taken off."""
+    def bindings(self, element: Any, targets: Mapping[str, tuple[str, dict[str, Any]]], where: str) -> None:
+        """Enter the values of the parameter bindings of an element.
+
+        ``targets`` gives the component and its start values for each beginning of a name, which is taken off.
+        """
         for binding in element.findall(f"{tag('ssd:ParameterBindings')}/{tag('ssd:ParameterBinding')}"):
             if binding.find(tag("ssd:ParameterMapping")) is not None:
                 self.problem(f"'{where}': a parameter mapping is not read. Name the parameters as the FMUs do.")
                 continue
-            found = self.values(binding, where)
             prefix = binding.get("prefix", "")
-            for name, value in found:
-                target = next((t for t in targets if f"{prefix}{name}".startswith(t)), None)
+            parameters, own = self.parameters(binding, where)
+            for parameter, typed in parameters:
+                name = f"{prefix}{parameter}"
+                target = next((t for t in targets if name.startswith(t)), None)
                 if target is None:
                     known = [t.rstrip(".") for t in targets]
-                    self.problem(f"'{where}': no component for parameter '{prefix}{name}'.{suggest(name, known)}")
-                else:
-                    targets[target][f"{prefix}{name}"[len(target) :]] = value
+                    self.problem(f"'{where}': no component for parameter '{name}'.{suggest(parameter, known)}")
+                    continue
+                component, start = targets[target]
+                variable = name[len(target) :]
+                value = self.value(str(typed.tag).rpartition("}")[2], typed.get("value"))
+                start[variable] = self.in_unit_of(component, variable, value, typed.get("unit"), own)
 
-    def values(self, binding: Any, where: str) -> Iterator[tuple[str, object]]:
+    def in_unit_of(self, component: str, name: str, value: object, unit: str | None, own: Mapping[str, Unit]) -> object:
+        """A parameter's value in the unit of its variable."""
+        wanted = self.units.own((component, name))
+        if unit is None or wanted is None or not isinstance(value, Decimal):
+            return value
+        try:
+            fmu = self.units.fmus[component]
+            return converted_value(value, unit, wanted, fmu=fmu, own=own, defined=self.units.defined)
+        except DescriptionError as error:
+            self.problem(f"parameter '{component}.{name}': {error}")
+            return value
+
+    def parameters(self, binding: Any, where: str) -> tuple[list[tuple[str, Any]], dict[str, Unit]]:
+        """Names and typed elements of the parameters of a binding, and the units that their set defines."""
         source = binding.get("source")
         if source:
             relative = self.source(where, source)
@@ -203,20 +231,20 @@ class SspReader:
                 content = (self.folder / relative).read_bytes()
             except OSError as error:
                 self.problem(f"'{where}': parameter values '{source}' cannot be read ({error.strerror}).")
-                return
+                return [], {}
         else:
             inline = binding.find(f"{tag('ssd:ParameterValues')}/{tag('ssv:ParameterSet')}")
             if inline is None:
-                return
+                return [], {}
             content = lxml_etree.tostring(inline)
         problems = validate(content, "SystemStructureParameterValues")
         if problems:
             self.problems += [f"{self.name}: parameter values of '{where}', {problem}" for problem in problems]
-            return
-        for parameter in parse(content).findall(f"{tag('ssv:Parameters')}/{tag('ssv:Parameter')}"):
-            typed = next(iter(parameter), None)
-            if typed is not None:
-                yield parameter.get("name"), self.value(str(typed.tag).rpartition("}")[2], typed.get("value"))
+            return [], {}
+        root = parse(content)
+        found = root.findall(f"{tag('ssv:Parameters')}/{tag('ssv:Parameter')}")
+        typed = [(parameter.get("name"), next(iter(parameter), None)) for parameter in found]
+        return [(name, element) for name, element in typed if element is not None], defined_units(root, "ssv:Units")
 
     @staticmethod
     def value(kind: str, text: str) -> object:
@@ -236,7 +264,7 @@ class SspReader:
     def connections(self, top: Any) -> Iterable[Any]:
         return top.findall(f"{tag('ssd:Connections')}/{tag('ssd:Connection')}")
 
-    def connection(self, element: Any) -> dict[str, Any] | str | None:
+    def connection(self, element: Any) -> dict[str, Any] | None:
         ends = [(element.get(f"{side}Element"), element.get(f"{side}Connector")) for side in ("start", "end")]
         said = " -> ".join(".".join(part or "" for part in end) for end in ends)
         if any(part is None for end in ends for part in end):
@@ -245,35 +273,51 @@ class SspReader:
                 return None  # an output of the whole system: every output is recorded anyway
             self.problem(f"connection {said}: ends at a connector of the system. Connect components with each other.")
             return None
-        if self.kinds.get(ends[0], ("",))[0] == "input":
+        if self.kinds.get(ends[0]) == "input":
             ends.reverse()  # SSP lets a connection be written from either side
             if element.find(tag("ssc:LinearTransformation")) is not None:
                 self.problem(f"connection {said}: starts at an input and transforms. Write it from the output.")
                 return None
-        factor, offset = Decimal(1), Decimal(0)
         for child in element:
             kind = str(child.tag).rpartition("}")[2]
-            if kind == "LinearTransformation":
-                factor, offset = Decimal(child.get("factor", "1")), Decimal(child.get("offset", "0"))
-            elif kind.endswith("Transformation"):
+            if kind.endswith("Transformation") and kind != "LinearTransformation":
                 self.problem(f"connection {said}: a {kind} is not read, only LinearTransformation.")
-        units = [self.kinds.get(end, ("", None))[1] for end in ends]
-        if element.get("suppressUnitConversion") not in ("true", "1") and units[0] and units[1]:
-            factor = self.converted(said, factor, units[0], units[1])
         source, target = (f"{name}.{variable}" for name, variable in ends)
-        if factor == 1 and offset == 0:
-            return f"{source} -> {target}"
-        return {"from": source, "to": target, "factor": factor, "offset": offset}
-
-    def converted(self, said: str, factor: Decimal, unit: str, other: str) -> Decimal:
-        """``factor`` with the conversion that SSP prescribes between different units."""
         try:
-            if unit == other or same_unit(unit, other):
-                return factor
-            return factor * Decimal(repr(conversion(unit, other)))
+            return {"from": source, "to": target, **self.transformation(element, ends[0], ends[1])}
         except DescriptionError as error:
             self.problem(f"connection {said}: {error}")
-            return factor
+            return None
+
+    def transformation(self, element: Any, source: tuple[str, str], target: tuple[str, str]) -> dict[str, Any]:
+        """Factor, offset and treatment of units of a connection, as a system file has them.
+
+        Raises DescriptionError for units that cannot be converted.
+        """
+        linear = element.find(tag("ssc:LinearTransformation"))
+        stated: dict[str, Any] = {}
+        if linear is not None:
+            stated = {key: Decimal(linear.get(key)) for key in ("factor", "offset") if linear.get(key) is not None}
+        if element.get("suppressUnitConversion") in ("true", "1"):
+            own = self.own(element, "cosim:Conversion")
+            if own is not None:
+                meant = {key: Decimal(own.get(key)) for key in ("factor", "offset")}
+                written = float(stated.get("factor", 1)), float(stated.get("offset", 0))
+                if self.total(meant, source, target) == written:
+                    return {**meant, "units": "convert"}
+            return stated if "factor" in stated else {**stated, "units": "suppress"}
+        if self.units.differs(source) or self.units.differs(target):
+            factor, offset = self.total(stated, source, target)
+            return {"factor": factor, "offset": offset}
+        return {**stated, "units": "convert"}
+
+    def total(
+        self, stated: Mapping[str, Decimal], source: tuple[str, str], target: tuple[str, str]
+    ) -> tuple[float, float]:
+        """Factor and offset of the conversion of units and what is stated behind it (SSP 1.0, LinearTransformation)."""
+        written = (float(stated.get("factor", 1)), float(stated.get("offset", 0)))
+        whole = converted(Connection(source, target, stated=written), *self.units.conversion(source, target))
+        return whole.factor, whole.offset
 
     # Experiment
 

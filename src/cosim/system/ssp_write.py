@@ -17,6 +17,7 @@ from ..fmu.archive import write_zip
 from ..fmu.description import Fmu, Value, Variable
 from ..fmu.xml import document
 from ..units import BASE_UNITS
+from .parts import Connection
 from .ssp_names import ANNOTATION, NAMESPACES, tag
 
 if TYPE_CHECKING:
@@ -117,10 +118,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             endElement=connection.target[0],
             endConnector=connection.target[1],
         )
-        if connection.factor != 1.0 or connection.offset != 0.0:
-            element.set("suppressUnitConversion", "true")
-            factor, offset = repr(connection.factor), repr(connection.offset)
-            _sub(element, "ssc:LinearTransformation", factor=factor, offset=offset)
+        _transformation(element, connection)
     if not system.connections:
         top.remove(connections)
     # OMSimulator reads no system that does not name its master, and takes a tolerance left out as 0.
@@ -141,6 +139,25 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
     for name, variable in system.record:
         _sub(record, "cosim:Variable", name=f"{name}.{variable}")
     return document(root)
+
+
+def _transformation(element: ElementTree.Element, connection: Connection) -> None:
+    """How a connection changes its values.
+
+    A conversion of units is written as the transformation that it is: not every importer converts. An annotation
+    keeps what was stated.
+    """
+    factor, offset = connection.factor, connection.offset
+    if connection.units != "same":
+        element.set("suppressUnitConversion", "true")
+    if connection.units in ("converted", "given") or (factor, offset) != (1.0, 0.0):
+        linear = _sub(element, "ssc:LinearTransformation", offset=repr(offset))
+        if connection.units in ("converted", "given") or factor != 1.0:
+            linear.set("factor", repr(factor))
+    if connection.units == "converted":
+        own = _sub(_sub(element, "ssd:Annotations"), "ssc:Annotation", type=ANNOTATION)
+        factor, offset = connection.stated
+        _sub(own, "cosim:Conversion", factor=repr(factor), offset=repr(offset))
 
 
 def parameter_set(fmu: Fmu, start: Mapping[str, Value]) -> ElementTree.Element:
@@ -181,12 +198,12 @@ def _units(root: ElementTree.Element, tag: str, units: Mapping[str, Fmu]) -> Non
         return
     definitions = _sub(root, tag)
     for name in sorted(units):
-        factor, offset, *exponents = units[name].base_units[name]
+        unit = units[name].base_units[name]
         base = _sub(_sub(definitions, "ssc:Unit", name=name), "ssc:BaseUnit")
-        for symbol, exponent in zip(BASE_UNITS, exponents, strict=True):
+        for symbol, exponent in zip(BASE_UNITS, unit.exponents, strict=True):
             if exponent:
                 base.set(symbol, str(int(exponent)))
-        if factor != 1.0:
-            base.set("factor", repr(factor))
-        if offset != 0.0:
-            base.set("offset", repr(offset))
+        if unit.factor != 1.0:
+            base.set("factor", repr(unit.factor))
+        if unit.offset != 0.0:
+            base.set("offset", repr(unit.offset))

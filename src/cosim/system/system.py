@@ -2,23 +2,25 @@
 
 A system file is TOML::
 
-    base = "common.toml"                      # optional: a file of the same folder that this one completes
+    base = "common.toml"                      # optional: a file of the same folder that this one completes, or a
+                                              # system that comes with cosim, such as "shams2010/fsmc_5sin"
     description = "Two lags in a row"
     connections = [
         "source.position -> controller.position_ref",
         { from = "controller.command", to = "plant.command", factor = 628.3, offset = 0.0 },
+        { from = "a.angle", to = "b.angle", units = "convert" },   # or "suppress": the values as they are
     ]
 
     [experiment]
     start_time = 0.0
     stop_time = 10.0
-    step_size = 1e-4
+    step_size = 1e-4                           # or a fraction: "1/30"
     order = ["source", "controller", "plant"]  # or "sequential" (default: derived), or "parallel"
-    tolerance = 1e-6                           # optional, told to every FMU
+    tolerance = 1e-6                           # optional, told to every FMU instead of its own
 
     [instances.plant]
     fmu = "BallscrewStage"                     # in the FMU folder; or a path to an .fmu, relative to this file
-    start = { m = 62.4, kind = "sine", "nct.error" = [0.0, 1e-6] }
+    start = { m = 62.4, kind = "sine", "nct.error" = [0.0, 1e-6] }   # a[1,1], a[1,2] ... as lists of rows
     step_multiple = 1                          # doStep every this many communication steps
 
     [record]
@@ -39,10 +41,11 @@ from typing import Any
 
 from ..errors import DescriptionError, suggest
 from ..fmu.description import Value, Variable
-from ..fmu.places import shipped_file
-from .check import SystemCheck
+from ..fmu.places import find_system, has_ending
+from .check import checked_fields
 from .document import changed_document, load_document
 from .parts import Connection, Instance, Order, system_digest
+from .single import fmu_document, full_names
 from .values import start_value
 
 
@@ -116,7 +119,7 @@ class System:
         plain = overrides and not problems and all(value is None for value in experiment)
         if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
-        return System(**SystemCheck(document, self.name, self.folder, self.fmus, problems).fields())
+        return System(**checked_fields(document, self.name, self.folder, self.fmus, problems))
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
         """Start values by instance, if they are right and the rest of the system cannot depend on them."""
@@ -157,14 +160,22 @@ def read_system(
 ) -> System:
     """Read and check the system at ``path`` (.toml, .ssp, .ssd); ``fmus`` is the folder of FMUs given by name.
 
-    A system that comes with cosim can be given by name, such as "shams2010/fsmc_5sin".
+    A system that comes with cosim can be given by name, such as "shams2010/fsmc_5sin". An FMU, by path or name, is a
+    system of one instance with the experiment that its file suggests; overrides may leave the instance out.
     ``overrides`` replaces start values (``{"plant.m": 70.0}``), the other arguments the experiment's.
     Raises DescriptionError with every problem found.
     """
-    path = shipped_file(path)
-    loaded, folder = (
-        _read_ssp(path) if path.suffix.lower() in (".ssp", ".ssd") else (load_document(path, ()), path.parent)
-    )
+    folder_of_fmus = None if fmus is None else Path(fmus)
+    path = find_system(str(path), folder_of_fmus)
+    folder = path.parent
+    if has_ending(path, ".ssp", ".ssd"):
+        loaded, folder = _read_ssp(path)
+    elif has_ending(path, ".fmu"):
+        loaded = fmu_document(path)
+        overrides = full_names(loaded, overrides or {})
+        record = None if record is None else list(full_names(loaded, dict.fromkeys(record)))
+    else:
+        loaded = load_document(path)
     document, problems = changed_document(
         loaded,
         path.name,
@@ -175,14 +186,14 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return System(**SystemCheck(document, path.name, folder, None if fmus is None else Path(fmus), problems).fields())
+    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems))
 
 
 def make_system(
     document: Mapping[str, Any], *, name: str = "system", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> System:
     """Check a system given as nested tables, as a system file holds them. ``folder`` is where its paths start."""
-    return System(**SystemCheck(document, name, Path(folder), None if fmus is None else Path(fmus), []).fields())
+    return System(**checked_fields(document, name, Path(folder), None if fmus is None else Path(fmus)))
 
 
 def _read_ssp(path: Path) -> tuple[dict[str, Any], Path]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..files import write_file
 from ..fmu.description import Fmu, Value
+from .connections import arrow
+from .parts import Connection
 from .ssp_write import resource_names
 
 if TYPE_CHECKING:
@@ -36,15 +38,7 @@ def toml(system: System, sources: Mapping[Path, str]) -> str:
     if system.description:
         lines.append(f"description = {_text(system.description)}")
     lines.append("connections = [")
-    for connection in system.connections:
-        if connection.factor == 1.0 and connection.offset == 0.0:
-            lines.append(f"    {_text(str(connection))},")
-        else:
-            source, target = ".".join(connection.source), ".".join(connection.target)
-            lines.append(
-                f"    {{ from = {_text(source)}, to = {_text(target)}, factor = {connection.factor!r}, "
-                f"offset = {connection.offset!r} }},"
-            )
+    lines += [f"    {_connection(connection)}," for connection in system.connections]
     lines += ["]", "", "[experiment]"]
     lines += [f"{key} = {_decimal(getattr(system, key))}" for key in ("start_time", "stop_time", "step_size")]
     lines.append(f"order = {_value(system.order if isinstance(system.order, str) else list(system.order))}")
@@ -62,18 +56,53 @@ def toml(system: System, sources: Mapping[Path, str]) -> str:
     return "\n".join([*lines, "]", ""])
 
 
+def _connection(connection: Connection) -> str:
+    """A connection so that reading it gives the same one."""
+    short = arrow(connection)
+    if short is not None and connection.units == "same" and connection.stated == (1.0, 0.0):
+        return _text(short)
+    factor, offset = connection.stated
+    entries = {"from": ".".join(connection.source), "to": ".".join(connection.target)}
+    parts = [f"{key} = {_text(end)}" for key, end in entries.items()]
+    if connection.units == "given" or factor != 1.0:
+        parts.append(f"factor = {factor!r}")
+    if offset != 0.0:
+        parts.append(f"offset = {offset!r}")
+    if connection.units in ("converted", "suppressed"):
+        parts.append(f'units = "{"convert" if connection.units == "converted" else "suppress"}"')
+    return f"{{ {', '.join(parts)} }}"
+
+
 def _gathered(fmu: Fmu, start: Mapping[str, Value]) -> Iterator[tuple[str, object]]:
     """Start values with complete arrays gathered and enumerations by name."""
-    whole = {e: array for array, elements in fmu.arrays.items() if all(e in start for e in elements) for e in elements}
+    whole = {
+        element: name
+        for name, array in fmu.arrays.items()
+        if array.shape and name not in fmu.variables and all(element in start for element in array.elements)
+        for element in array.elements
+    }
     done: set[str] = set()
     for name, value in start.items():
         array = whole.get(name)
         if array is None:
-            items = {number: item for item, number in fmu.variables[name].items.items()}
-            yield name, items.get(cast(int, value), value) if items else value
+            yield name, _item(fmu, name, value)
         elif array not in done:
             done.add(array)
-            yield array, [start[element] for element in fmu.arrays[array]]
+            values = [_item(fmu, element, start[element]) for element in fmu.arrays[array].elements]
+            yield array, _nested(values, fmu.arrays[array].shape)
+
+
+def _item(fmu: Fmu, name: str, value: Value) -> Value:
+    items = {number: item for item, number in fmu.variables[name].items.items()}
+    return items.get(cast(int, value), value) if items else value
+
+
+def _nested(values: Sequence[object], shape: Sequence[int]) -> list[object]:
+    """A flat list as nested lists, the last index fastest."""
+    if len(shape) == 1:
+        return list(values)
+    size = len(values) // shape[0]
+    return [_nested(values[i * size : (i + 1) * size], shape[1:]) for i in range(shape[0])]
 
 
 def _text(text: str) -> str:

@@ -3,17 +3,48 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
+from fractions import Fraction
 from typing import Any, cast
 
-from ..errors import suggest
+from ..errors import DescriptionError, suggest
 from ..fmu.description import Value, Variable
+
+_FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
+
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+"""A number as people type it; TOML wants a digit on both sides of the point and no leading zeros."""
+
+
+WHOLE = 4e-15
+"""Relative distance from a whole number that 16 digits of a fraction such as 1/30 leave."""
+
+
+def parse_settings(items: Sequence[str]) -> dict[str, object]:
+    """Start values typed at a prompt, ``plant.m=70`` each. Raises DescriptionError with every one that is wrong."""
+    values: dict[str, object] = {}
+    problems: list[str] = []
+    for item in items:
+        name, equals, value = item.partition("=")
+        if not equals or not name.strip():
+            problems.append(f"--set {item}: write INSTANCE.VARIABLE=VALUE, such as plant.m=70.")
+        elif not value.strip():
+            problems.append(f"--set {item}: the value is missing. Write it behind the =, '\"\"' for an empty text.")
+        else:
+            values[name.strip()] = parse_value(value.strip())
+    if problems:
+        raise DescriptionError(problems)
+    return values
 
 
 def parse_value(text: str) -> object:
-    """A value typed at a prompt: what TOML reads it as, else the text itself (an enumeration item)."""
+    """A value typed at a prompt: a number, what TOML reads it as, else the text itself (an enumeration item)."""
+    if _NUMBER.fullmatch(text):
+        return Decimal(text)
     try:
         return tomllib.loads(f"value = {text}", parse_float=Decimal)["value"]
     except tomllib.TOMLDecodeError:
@@ -45,6 +76,21 @@ def decimal(value: object) -> Decimal | None:
         return None
 
 
+def fraction(value: object) -> Fraction | None:
+    """A finite number as it is written, or a text such as ``"1/30"``; None for everything else."""
+    if isinstance(value, str):
+        match = _FRACTION.fullmatch(value)
+        return Fraction(match[1]) / Fraction(match[2]) if match and Fraction(match[2]) else None
+    number = decimal(value)
+    return Fraction(number) if number is not None and number.is_finite() else None
+
+
+def whole(ratio: Fraction) -> int | None:
+    """The whole number that ``ratio`` is, up to the rounding of 16 digits; None if it is none from 1 on."""
+    nearest = round(ratio)
+    return nearest if nearest > 0 and abs(ratio / nearest - 1) <= WHOLE else None
+
+
 def show_value(value: object) -> str:
     """A value as it is written in a system file."""
     if isinstance(value, str):
@@ -52,6 +98,14 @@ def show_value(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return str(value)
+
+
+def show_start(variable: Variable, value: Value) -> str:
+    """A checked start value for people: enumerations by name, numbers with their unit."""
+    item = next((name for name, number in variable.items.items() if number == value), None)
+    if item is not None:
+        return item
+    return show_value(value) + (unit_suffix(variable) if variable.type == "Real" else "")
 
 
 def unit_suffix(variable: Variable) -> str:
@@ -77,9 +131,15 @@ def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
         if given in variable.items:
             return variable.items[given], ""
         return None, f"'{given}' is no item of this enumeration.{suggest(given, variable.items)}"
+    if kind == "Real" and isinstance(given, str) and (ratio := fraction(given)) is not None:
+        given = float(ratio)
     number = None if isinstance(given, str) else decimal(given)
     if number is None:
-        return None, f"{show_value(given)} is not a number." + (f" The unit is {variable.unit}." if unit else "")
+        comma = (
+            " Write it with a point." if isinstance(given, str) and _NUMBER.fullmatch(given.replace(",", ".")) else ""
+        )
+        said = f"{show_value(given)} is not a number."
+        return None, said + comma + (f" The unit is {variable.unit}." if unit else "")
     if not number.is_finite() or not math.isfinite(float(number)):
         return None, f"{show_value(given)} is not finite. Give a number."
     if kind in ("Integer", "Enumeration"):

@@ -1,0 +1,51 @@
+"""Text files as editors, spreadsheets and measuring tools write them."""
+
+from __future__ import annotations
+
+import codecs
+import tomllib
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from ..errors import DescriptionError, suggest
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+"""Byte order marks and what they announce."""
+
+
+def read_text(path: Path) -> str:
+    """The text of a file in UTF-8, or in UTF-16 with a byte order mark; lines end with ``\\n``.
+
+    Raises DescriptionError.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        siblings = (p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else ()
+        raise DescriptionError(f"{path}: no such file.{suggest(path.name, siblings)}") from None
+    except OSError as error:
+        raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
+    encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        if b"\0" in content[:4]:
+            raise DescriptionError(
+                f"{path}: is no text, or UTF-16 without a byte order mark. Save it as UTF-8."
+            ) from None
+        line = content.count(b"\n", 0, error.start) + 1
+        raise DescriptionError(f"{path}: line {line} is not {encoding.upper()} text. Save the file as UTF-8.") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The document of a TOML file; numbers with a point stay decimals. Raises DescriptionError."""
+    try:
+        return tomllib.loads(read_text(path), parse_float=Decimal)
+    except tomllib.TOMLDecodeError as error:
+        raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None

@@ -1,0 +1,295 @@
+"""A trial of a system in a process of its own: initialized, so that its FMUs say what they think of their start values.
+
+Whatever an FMU does there, this process goes on. The other one is ``python -m cosim.master.trial``: one file has the
+job, another takes the findings, so that what FMUs print does no harm.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from decimal import Decimal
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from ..errors import CosimError
+from ..fmu.description import Value, Variable
+from ..system.parts import Instance
+from ..system.samples import sampling_time
+from ..system.system import System, make_system
+from ..system.unconnected import fitting_outputs, unconnected_inputs
+from ..system.values import is_numeric, show_start, start_value, unit_suffix
+from .simulation import Simulation
+
+POINTS = 200
+"""Communication points at which a source is compared, spread over the run."""
+
+
+STEPS = 50
+"""Steps of a run before and after a change that tells whether an input matters."""
+
+
+FACTORS = (1.01, 2.0, 0.5)
+"""Changes of a start value that must show in some output: small, and large enough to pass a limit or a rounding."""
+
+
+SECONDS = 60.0
+"""Time that an initialization may take."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What came out of a trial."""
+
+    problem: str = ""
+    """Why the system cannot be initialized; empty if it can."""
+    notes: tuple[str, ...] = ()
+    """Warnings of FMUs, values that are not finite, inputs that look forgotten, start values without effect."""
+
+
+class Trial:
+    """A trial that goes on in another process; as a context manager it is ended where it is left."""
+
+    def __init__(self, system: System) -> None:
+        self._resources = contextlib.ExitStack()
+        folder = self._resources.enter_context(tempfile.TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True))
+        self._file = Path(folder) / "findings.json"
+        job = Path(folder) / "job"
+        job.write_bytes(pickle.dumps((dict(system.document), system.name, system.folder, system.fmus)))
+        command = [sys.executable, "-m", __name__, str(job), str(self._file)]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+
+    def findings(self, *, seconds: float = SECONDS) -> Findings:
+        """What comes out, if the trial takes no longer than ``seconds`` from now."""
+        try:
+            code = self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return Findings(f"{self._where()} is not initialized after {seconds:g} s.")
+        if self._file.is_file():
+            found: dict[str, Any] = json.loads(self._file.read_text(encoding="utf-8"))
+            return Findings(found["problem"], tuple(found["notes"]))
+        return Findings(f"{self._where()} ended the process during initialization ({_ending(code)}).")
+
+    def _where(self) -> str:
+        at = self._file.with_suffix(".at")
+        return at.read_text(encoding="utf-8") if at.is_file() else "an instance"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._resources.close()
+
+
+def try_system(system: System, *, seconds: float = SECONDS) -> Findings:
+    """Try ``system`` in another process, which may take ``seconds``."""
+    with Trial(system) as trial:
+        return trial.findings(seconds=seconds)
+
+
+def _ending(code: int) -> str:
+    if code >= 0:
+        return f"exit code {code}"
+    with contextlib.suppress(ValueError):
+        return signal.Signals(-code).name
+    return f"signal {-code}"
+
+
+# The other process
+
+
+def _try(system: System, at: Path) -> Findings:
+    notes: list[str] = []
+    at.write_text(_names(system), encoding="utf-8")
+    try:
+        with Simulation(system) as simulation:
+            result = simulation.initialize()
+            notes += [f"{m.instance}: {m.text}" for m in result.messages if m.status != "OK"]
+            for name, variable in system.record:
+                value = simulation.value(name, variable)
+                if not np.isfinite(value):
+                    notes.append(f"{name}.{variable} is {value} after initialization.")
+    except CosimError as error:
+        return Findings(str(error), tuple(notes))
+    notes += _forgotten(system)
+    for instance in system.instances:
+        with contextlib.suppress(CosimError):  # a source that does not run alone is not judged
+            notes += _without_effect(system, instance)
+    return Findings("", tuple(notes))
+
+
+def _forgotten(system: System) -> Iterator[str]:
+    """Inputs that an output would fit and whose value matters, with the parameters as they are."""
+    fitting = fitting_outputs(system)
+    if not fitting:
+        return
+    stay = unconnected_inputs(system)
+    matter = _mattering(system, list(fitting))
+    for (name, variable), outputs in fitting.items():
+        if (name, variable) in matter:
+            yield (
+                f"instances.{name}: input '{variable}' is not connected and stays at {stay[name, variable]}. "
+                f"{outputs[0]} would fit: connect it, or give a start value."
+            )
+
+
+def _mattering(system: System, inputs: Sequence[tuple[str, str]]) -> set[tuple[str, str]]:
+    """The inputs on whose values outputs of their instances depend, a while after the start; all, if it fails.
+
+    At the start an input may serve as the first value of an estimate that needs it no more later.
+    """
+    samples = [float(T_s / system.step_size) for i in system.instances if (T_s := sampling_time(i)) is not None]
+    steps = min(max(STEPS, math.ceil(2.0 * max(samples, default=0.0))), system.steps // 2)
+    if steps == 0:
+        return set(inputs)
+    record: dict[str, None] = {}
+    for name, _ in inputs:
+        fmu = system.instance(name).fmu
+        record |= dict.fromkeys(f"{name}.{output}" for output in fmu.outputs if is_numeric(fmu.variables[output]))
+    found: set[tuple[str, str]] = set()
+    try:
+        stop = system.start_time + 2 * steps * system.step_size
+        short = system.changed(stop_time=stop, record=list(record), decimation=1)
+        with Simulation(short, keep_going=True) as simulation:
+            checkpoint = simulation.pause(float(system.start_time + steps * system.step_size))
+            expected = simulation.resume(checkpoint).rows
+            for name, variable in inputs:
+                described = system.variable(name, variable)
+                start = system.instance(name).start.get(variable, described.start)
+                for value in _changes(described, 0.0 if start is None else start):
+                    rows = simulation.resume(checkpoint, {f"{name}.{variable}": value}).rows
+                    if not np.array_equal(rows, expected, equal_nan=True):
+                        found.add((name, variable))
+                        break
+    except CosimError:
+        return set(inputs)  # it cannot be told, as without fmi2GetFMUstate: better a note too many
+    return found
+
+
+def _names(system: System) -> str:
+    names = [instance.name for instance in system.instances]
+    return names[0] if len(names) == 1 else f"one of {', '.join(names)}"
+
+
+def _without_effect(system: System, instance: Instance) -> Iterator[str]:
+    """Start values of a source with kinds (an Enumeration) that change none of its outputs, whatever their value."""
+    fmu = instance.fmu
+    kinds = [v for v in fmu.variables.values() if v.type == "Enumeration" and v.causality == "parameter"]
+    numbers = [name for name in instance.start if _varied(fmu.variables[name])]
+    if not kinds or not numbers or fmu.inputs or not fmu.outputs:
+        return
+    alone = _alone(system, instance)
+    chosen = ", ".join(f"{kind.name} = {_item(kind, instance)}" for kind in kinds)
+    with Simulation(alone, keep_going=True) as simulation:
+        for name in numbers:
+            tried = _tried_in_vain(simulation, [alone, _without_zeros(alone, instance, name)], instance, name)
+            if tried:
+                yield (
+                    f"instances.{instance.name}.start.{name}: "
+                    f"{_brief(fmu.variables[name], instance.start[name])} has no effect, all outputs are the same with "
+                    f"{', '.join(tried)}. Is it of another kind than {chosen}?"
+                )
+
+
+def _tried_in_vain(simulation: Simulation, systems: Sequence[System], instance: Instance, name: str) -> list[str]:
+    """Other values of a parameter, if none of them changes an output of the source in any of the systems."""
+    variable = instance.fmu.variables[name]
+    tried: dict[str, None] = {}
+    for system in systems:
+        try:
+            expected = simulation.run(system).rows
+        except CosimError:
+            continue
+        for value in _changes(variable, instance.start[name]):
+            try:
+                rows = simulation.run(system.changed({f"{instance.name}.{name}": value})).rows
+            except CosimError:
+                continue  # a value that a rule forbids
+            if not np.array_equal(rows, expected, equal_nan=True):
+                return []
+            tried[_brief(variable, value)] = None
+    return list(tried)
+
+
+def _without_zeros(system: System, instance: Instance, but: str) -> System:
+    """The same source with 1 for every 0 that is given: an amplitude of 0 hides what the other parameters do."""
+    zeros = {
+        f"{instance.name}.{name}": 1.0
+        for name, value in instance.start.items()
+        if value == 0.0 and name != but and instance.fmu.variables[name].type == "Real"
+    }
+    try:
+        return system.changed(zeros) if zeros else system
+    except CosimError:
+        return system
+
+
+def _brief(variable: Variable, value: Value) -> str:
+    return f"{value:.5g}{unit_suffix(variable)}" if isinstance(value, float) else show_start(variable, value)
+
+
+def _varied(variable: Variable) -> bool:
+    return variable.causality == "parameter" and variable.type in ("Real", "Integer", "Boolean")
+
+
+def _item(kind: Variable, instance: Instance) -> str:
+    value = instance.start.get(kind.name, kind.start)
+    return "?" if value is None else show_start(kind, value)
+
+
+def _changes(variable: Variable, value: Value) -> list[Value]:
+    """Other values that a variable may take."""
+    if variable.type == "Boolean":
+        return [not value]
+    number = float(value)
+    wanted = [number * factor for factor in FACTORS] if number else [1e-3, 1.0, -1.0]
+    if variable.type == "Integer":
+        wanted = [number + 1, 2 * number, number - 1]
+    allowed = [start_value(variable, new)[0] for new in wanted]
+    return [new for new in allowed if new is not None and new != value]
+
+
+def _alone(system: System, instance: Instance) -> System:
+    """A source by itself over the time of the system, with fewer and longer steps; all outputs recorded."""
+    steps = next(n for n in range(min(POINTS, system.steps), 0, -1) if system.steps % n == 0)
+    step = (system.stop_time - system.start_time) / Decimal(steps)
+    document: Mapping[str, Any] = {
+        "instances": {instance.name: {"fmu": str(instance.fmu.path), "start": dict(instance.start)}},
+        "experiment": {"start_time": system.start_time, "stop_time": system.stop_time, "step_size": step},
+    }
+    return make_system(document, name=system.name)
+
+
+def _main() -> None:
+    job, file = (Path(argument) for argument in sys.argv[1:])
+    document, name, folder, fmus = pickle.loads(job.read_bytes())
+    found = _try(make_system(document, name=name, folder=folder, fmus=fmus), file.with_suffix(".at"))
+    part = file.with_suffix(".part")
+    part.write_text(json.dumps(asdict(found)), encoding="utf-8")
+    os.replace(part, file)
+    # The findings are there: an FMU that crashes while it is unloaded changes nothing.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,135 @@
+"""The table ``[experiment]``: times, step, order, tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any, cast
+
+from ..errors import suggest
+from .findings import Findings
+from .parts import Order
+from .values import decimal, fraction, show_value, whole
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A checked experiment; ``steps`` is 0 if a problem was found."""
+
+    start_time: Decimal = Decimal(0)
+    stop_time: Decimal = Decimal(0)
+    step_size: Decimal = Decimal(0)
+    steps: int = 0
+    order: Order = "sequential"
+    tolerance: float | None = None
+
+
+def read_experiment(document: Mapping[str, Any], findings: Findings) -> Experiment:
+    """The experiment of a document."""
+    table = findings.table(document, "experiment")
+    findings.known_keys("experiment", table, ("start_time", "stop_time", "step_size", "order", "tolerance"))
+    start = _seconds(table, "start_time", Fraction(0), findings)
+    stop = _seconds(table, "stop_time", None, findings)
+    step = _seconds(table, "step_size", None, findings)
+    if step is not None and step <= 0:
+        findings.problem("experiment.step_size", f"{step} s must be positive.")
+        step = None
+    if start is not None and stop is not None and stop <= start:
+        findings.problem("experiment.stop_time", f"{stop} s must be after start_time = {start} s.")
+        stop = None
+    tolerance = _tolerance(table, findings)
+    order = _order(table.get("order", "sequential"), findings.table(document, "instances"), findings)
+    if start is None or stop is None or step is None:
+        return Experiment(order=order, tolerance=tolerance)
+    steps = _steps(start, stop, step, findings)
+    return Experiment(_decimal(start), _decimal(stop), _decimal(step), steps, order, tolerance)
+
+
+Number = Decimal | Fraction
+"""A number as it was written: a decimal, or a fraction such as 1/30."""
+
+
+def _seconds(table: Mapping[str, Any], key: str, default: Fraction | None, findings: Findings) -> Number | None:
+    where = f"experiment.{key}"
+    if key not in table:
+        if default is None:
+            findings.problem(where, f"missing. Give it in seconds, such as {key} = 1.0.")
+            return None
+        return Decimal(int(default))
+    value = table[key]
+    number = fraction(value) if isinstance(value, str) else decimal(value)
+    if number is None or (isinstance(number, Decimal) and not number.is_finite()):
+        hint = ' Fractions are written "1/30".' if isinstance(value, str) and "/" in value else ""
+        findings.problem(where, f"{show_value(value)} is not a finite number of seconds.{hint}")
+        return None
+    return number
+
+
+def _decimal(number: Number) -> Decimal:
+    """A fraction as the shortest decimal of the double next to it, which is what a run computes with."""
+    return number if isinstance(number, Decimal) else Decimal(repr(float(number)))
+
+
+def _steps(start: Number, stop: Number, step: Number, findings: Findings) -> int:
+    length = Fraction(stop) - Fraction(start)
+    ratio = length / Fraction(step)
+    steps = whole(ratio)
+    if steps is not None:
+        return steps
+    whole_steps = math.floor(ratio)
+    ends = [Fraction(start) + n * Fraction(step) for n in (whole_steps, whole_steps + 1) if n > 0]
+    nearest = round(ratio)
+    exact = length.denominator == 1 and abs(ratio - nearest) < 0.01 and nearest > 0
+    remedy = f'step_size = "{length}/{nearest}"' if exact else "step_size"
+    findings.problem(
+        "experiment.step_size",
+        f"{step} s does not divide stop_time - start_time = {_decimal(stop) - _decimal(start)} s into whole steps "
+        f"({float(ratio):.6g}). Change {remedy}, or take stop_time = {' or '.join(_plain(end) for end in ends)}.",
+    )
+    return 0
+
+
+def _plain(number: Fraction) -> str:
+    """A fraction as a decimal, where it is one."""
+    return f"{Decimal(number.numerator) / Decimal(number.denominator)}"
+
+
+def _tolerance(table: Mapping[str, Any], findings: Findings) -> float | None:
+    if "tolerance" not in table:
+        return None
+    number = decimal(table["tolerance"])
+    if number is None or not number.is_finite() or not 0 < number < 1:
+        findings.problem("experiment.tolerance", f"{show_value(table['tolerance'])}: give a number between 0 and 1.")
+        return None
+    return float(number)
+
+
+def _order(value: object, instances: Mapping[str, Any], findings: Findings) -> Order:
+    where = "experiment.order"
+    if value == "parallel":
+        return "parallel"
+    if value == "sequential":
+        return "sequential"
+    if isinstance(value, str):
+        findings.problem(where, f"'{value}' is no order.{suggest(value, ('parallel', 'sequential'))}")
+        return "sequential"
+    if not isinstance(value, Sequence) or not all(isinstance(name, str) for name in cast("Sequence[Any]", value)):
+        findings.problem(where, 'give "sequential", "parallel" or a list of all instances.')
+        return "sequential"
+    names = tuple(cast("Sequence[str]", value))
+    if len(names) == 1 and len(instances) != 1 and names[0] not in instances:
+        known = ("parallel", "sequential", *instances)
+        findings.problem(where, f"'{names[0]}' is no order.{suggest(names[0], known)}")
+        return "sequential"
+    for name in dict.fromkeys(names):
+        if name not in instances:
+            findings.problem(where, f"no instance '{name}'.{suggest(name, instances)}")
+        elif names.count(name) > 1:
+            findings.problem(where, f"instance '{name}' is named {names.count(name)} times. Name it once.")
+    missing = [name for name in instances if name not in names]
+    if missing:
+        findings.problem(where, f"instance {', '.join(missing)} is missing. Name every instance.")
+    return names

@@ -1,0 +1,49 @@
+"""What is found while a system is read: problems, which stop it, and notes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+from ..errors import suggest
+from .values import decimal, show_value
+
+
+class Findings:
+    """Problems and notes about a system, collected so that all of them come at once."""
+
+    def __init__(self, name: str, problems: Sequence[str] = ()) -> None:
+        self.name = name
+        self.problems = list(problems)
+        self.notes: list[str] = []
+
+    def problem(self, where: str, text: str) -> None:
+        """Something is wrong at ``where``, a path of keys."""
+        self.problems.append(f"{self.name}: {where}: {text}")
+
+    def note(self, where: str, text: str) -> None:
+        """Something is legal, but worth knowing."""
+        self.notes.append(f"{where}: {text}")
+
+    def known_keys(self, where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
+        """Every key of a table must be known."""
+        for key in table:
+            if key not in known:
+                path = f"{where}.{key}" if where else key
+                self.problem(path, f"unknown key.{suggest(key, known)}")
+
+    def table(self, document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+        """The table under ``key``, empty if there is none."""
+        value = document.get(key, {})
+        if isinstance(value, Mapping):
+            return cast("Mapping[str, Any]", value)
+        self.problem(key, f"must be a table: write [{key}].")
+        return {}
+
+    def count(self, where: str, value: object) -> int:
+        """A whole number of at least 1."""
+        number = decimal(value) if not isinstance(value, str) else None
+        if number is None or not number.is_finite() or number != number.to_integral_value() or number < 1:
+            self.problem(where, f"{show_value(value)} is not a count. Give a whole number of at least 1.")
+            return 1
+        return int(number)

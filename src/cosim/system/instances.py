@@ -1,0 +1,158 @@
+"""The table ``[instances]``: FMUs and their start values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from ..errors import DescriptionError, suggest
+from ..fmu.description import Array, Fmu, Value, Variable, missing_binary, read_fmu
+from ..fmu.places import find_fmu
+from .findings import Findings
+from .parts import Instance
+from .values import flat_table, show_value, start_value
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where FMUs are looked for."""
+
+    folder: Path
+    """The folder that paths in the document start from."""
+    fmus: Path | None
+    """The folder of FMUs given by name, None to look for it."""
+
+
+def read_instances(document: Mapping[str, Any], places: Places, findings: Findings) -> dict[str, Instance]:
+    """The instances of a document whose FMUs can be read."""
+    tables = findings.table(document, "instances")
+    if not tables:
+        findings.problem("instances", 'none given. Write [instances.NAME] with fmu = "...".')
+    result: dict[str, Instance] = {}
+    used: dict[Path, str] = {}
+    for name, table in tables.items():
+        where = f"instances.{name}"
+        if not NAME.fullmatch(name):
+            findings.problem(where, "an instance's name is made of letters, digits and _, and starts with no digit.")
+            continue
+        if not isinstance(table, Mapping):
+            findings.problem(where, f"must be a table: write [instances.{name}].")
+            continue
+        items = cast("Mapping[str, Any]", table)
+        findings.known_keys(where, items, ("fmu", "start", "step_multiple"))
+        multiple = findings.count(f"{where}.step_multiple", items.get("step_multiple", 1))
+        fmu = _fmu(f"{where}.fmu", items.get("fmu"), places, findings)
+        if fmu is None:
+            continue
+        if fmu.once_per_process and fmu.path in used:
+            findings.problem(where, f"{fmu.name} allows one instance a process; {used[fmu.path]} is one already.")
+        used[fmu.path] = name
+        if fmu.needs_tool:
+            tool = f" ({fmu.tool})" if fmu.tool else ""
+            findings.note(where, f"{fmu.name} runs only where the tool that made it{tool} is installed.")
+        result[name] = Instance(name, fmu, _starts(f"{where}.start", fmu, items.get("start", {}), findings), multiple)
+    return result
+
+
+def _fmu(where: str, value: object, places: Places, findings: Findings) -> Fmu | None:
+    if not isinstance(value, str) or not value:
+        findings.problem(where, "missing. Give the name of an FMU or a path to an .fmu file.")
+        return None
+    try:
+        fmu = read_fmu(find_fmu(value, places.fmus, places.folder))
+    except DescriptionError as error:
+        for problem in error.problems:
+            findings.problem(where, problem)
+        return None
+    missing = missing_binary(fmu)
+    if missing:
+        findings.problem(where, f"{fmu.path.name}: {missing}")
+        return None
+    return fmu
+
+
+# Start values
+
+
+def _starts(where: str, fmu: Fmu, value: object, findings: Findings) -> dict[str, Value]:
+    if not isinstance(value, Mapping):
+        findings.problem(where, "must be a table, such as start = { m = 62.4 }.")
+        return {}
+    result: dict[str, Value] = {}
+    for name, given in flat_table(cast("Mapping[str, Any]", value)):
+        if name in fmu.variables:
+            _start(f"{where}.{name}", fmu.variables[name], given, result, findings)
+        elif name in fmu.arrays:
+            _array_start(f"{where}.{name}", fmu, fmu.arrays[name], given, result, findings)
+        else:
+            known = [n for n, v in fmu.variables.items() if v.settable and not n.endswith("]")] + list(fmu.arrays)
+            findings.problem(f"{where}.{name}", f"{fmu.name} has no variable '{name}'.{suggest(name, known)}")
+    return result
+
+
+def _array_start(  # noqa: PLR0917
+    where: str, fmu: Fmu, array: Array, given: object, result: dict[str, Value], findings: Findings
+) -> None:
+    """Enter the values of a whole array: a list, or a list of lists for two dimensions."""
+    if not array.shape:
+        findings.problem(
+            where, f"the array has gaps: its elements are {_few(array.elements)}. Give each by its own name."
+        )
+        return
+    size = " by ".join(str(n) for n in array.shape)
+    try:
+        values = list(_elements(given, array.shape))
+    except _NoListError as error:
+        form = " Write a list of rows: [[...], [...]]." if len(array.shape) > 1 else ""
+        findings.problem(where, f"{error} is no list: {fmu.name} has an array of {size} elements here.{form}")
+        return
+    except _LengthError as error:
+        findings.problem(where, f"{error} for an array of {size} elements.")
+        return
+    for element, item in zip(array.elements, values, strict=True):
+        index = element.rpartition("[")[2]
+        _start(f"{where}[{index}", fmu.variables[element], item, result, findings)
+
+
+class _NoListError(Exception):
+    """Something else than a list where one is needed."""
+
+
+class _LengthError(Exception):
+    """A list of another length than its dimension."""
+
+
+def _elements(given: object, shape: Sequence[int], row: str = "") -> Iterator[object]:
+    """The values of nested lists, the last index fastest."""
+    if not shape:
+        yield given
+        return
+    if isinstance(given, str | Mapping) or not isinstance(given, Iterable):
+        raise _NoListError(show_value(cast(object, given)))
+    rows = list(cast("Iterable[object]", given))
+    if len(rows) != shape[0]:
+        raise _LengthError(f"{len(rows)} values{row}")
+    for item in rows:
+        yield from _elements(item, shape[1:], " in a row")
+
+
+def _few(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:6])
+    return shown if len(names) <= 6 else f"{shown} ..."
+
+
+def _start(where: str, variable: Variable, given: object, result: dict[str, Value], findings: Findings) -> None:
+    if not variable.settable:
+        remedy = "Only parameters, inputs and initial states can be set."
+        findings.problem(where, f"a {variable.variability} {variable.causality} cannot be set. {remedy}")
+        return
+    value, problem = start_value(variable, given)
+    if problem:
+        findings.problem(where, problem)
+    elif value is not None:
+        result[variable.name] = value

@@ -1,0 +1,51 @@
+"""Communication steps against step multiples and sampling times."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from decimal import Decimal
+from fractions import Fraction
+
+from .experiment import Experiment
+from .findings import Findings
+from .parts import Instance
+from .values import decimal, whole
+
+
+def check_steps(instances: Mapping[str, Instance], experiment: Experiment, findings: Findings) -> None:
+    """Step multiples divide the run; sampling times and communication steps are multiples of each other."""
+    for name, instance in instances.items():
+        where = f"instances.{name}"
+        multiple = instance.step_multiple
+        if experiment.steps and experiment.steps % multiple:
+            findings.problem(
+                f"{where}.step_multiple", f"{multiple} does not divide the {experiment.steps} steps of the run."
+            )
+        sampling = sampling_time(instance)
+        if sampling is None or not experiment.step_size:
+            continue
+        own = experiment.step_size * multiple
+        ratio = Fraction(own) / Fraction(sampling)
+        samples = whole(ratio)
+        if samples is None and whole(1 / ratio) is None:
+            findings.problem(
+                where,
+                f"T_s = {sampling} s against a communication step of {own} s: neither is a multiple of the other, "
+                "so samples would fall between communication points. Change start.T_s, step_size or step_multiple.",
+            )
+        elif samples is not None and samples > 1:
+            findings.note(
+                where,
+                f"T_s = {sampling} s against a communication step of {own} s: it takes {samples} samples a step with "
+                "inputs that do not change, and only the last of its outputs is seen. Take a smaller step_size.",
+            )
+
+
+def sampling_time(instance: Instance) -> Decimal | None:
+    """``T_s`` of a sampled controller: a parameter of that name in seconds, of an FMU with inputs."""
+    variable = instance.fmu.variables.get("T_s")
+    if variable is None or variable.causality != "parameter" or variable.unit != "s" or not instance.fmu.inputs:
+        return None
+    given = instance.start.get("T_s")
+    value = decimal(variable.start_text if given is None else given)
+    return value if value is not None and value.is_finite() and value > 0 else None

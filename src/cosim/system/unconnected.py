@@ -1,0 +1,74 @@
+"""Inputs that nothing feeds: at which value each stays, and which output would fit it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ..fmu.description import Variable
+from .connections import ACCEPTED_TYPES, is_same_unit
+from .order import find_loop
+from .parts import Instance
+from .system import System
+from .values import show_start
+
+Input = tuple[str, str]
+"""Instance and variable."""
+
+
+def unconnected_inputs(system: System) -> dict[Input, str]:
+    """Every input that nothing feeds, and the value at which it stays."""
+    connected = {connection.target for connection in system.connections}
+    found: dict[Input, str] = {}
+    for instance in system.instances:
+        for name in instance.fmu.inputs:
+            if (instance.name, name) not in connected:
+                variable = instance.fmu.variables[name]
+                value = instance.start.get(name, variable.start)
+                found[instance.name, name] = "no value" if value is None else show_start(variable, value)
+    return found
+
+
+def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
+    """The inputs that look forgotten, and the outputs that would fit each, the best one first.
+
+    Nothing feeds such an input, the system gives it no start value, and an output of its name, type and unit would make
+    no algebraic loop. A source, which has no inputs, fits references only: its output ``x`` fits the input ``x_ref``.
+    """
+    instances = {instance.name: instance for instance in system.instances}
+    connected = {connection.target: connection.source for connection in system.connections}
+    found: dict[Input, tuple[str, ...]] = {}
+    for target in unconnected_inputs(system):
+        name, input_name = target
+        if input_name in instances[name].start:
+            continue
+        fitting = [
+            source
+            for source in _fitting(name, instances[name].fmu.variables[input_name], instances)
+            if not find_loop(instances, {**connected, target: source})
+        ]
+        if fitting:
+            # Of two axes, the one of the same ending: plant_x for controller_x.
+            fitting.sort(key=lambda source: source[0].rpartition("_")[2] != name.rpartition("_")[2])
+            found[target] = tuple(".".join(source) for source in fitting)
+    return found
+
+
+def _fitting(name: str, variable: Variable, instances: Mapping[str, Instance]) -> list[tuple[str, str]]:
+    fmu = instances[name].fmu
+    found: list[tuple[str, str]] = []
+    for other in instances.values():
+        source = not other.fmu.inputs
+        if other.name == name or (source and not variable.name.endswith("_ref")):
+            continue
+        wanted = variable.name.removesuffix("_ref") if source else variable.name
+        offered = other.fmu.variables.get(wanted)
+        if (
+            offered is None
+            or offered.causality != "output"
+            or offered.type not in ACCEPTED_TYPES.get(variable.type, ())
+        ):
+            continue
+        units = offered.unit, variable.unit
+        if units[0] is None or units[1] is None or is_same_unit(other.fmu, units[0], fmu, units[1]):
+            found.append((other.name, wanted))
+    return found

@@ -1,0 +1,112 @@
+"""Measured rows as spreadsheets and measuring tools write them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.commands.cli import main
+from cosim.design.identify import nct_from_signals
+from cosim.design.measured import read_columns
+from cosim.errors import DescriptionError
+
+POINTS = "t,u,x\n0.0,1.5,-2e-3\n0.1,0,0.25\n"
+EXPECTED = {"t": [0.0, 0.1], "u": [1.5, 0.0], "x": [-2e-3, 0.25]}
+
+
+def semicolons(text: str) -> str:
+    return text.replace(",", ";")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        POINTS.encode(),
+        semicolons(POINTS).encode(),
+        semicolons(POINTS).replace(".", ",").encode(),
+        POINTS.replace(",", "\t").replace(".", ",").encode(),
+        b"\xef\xbb\xbf" + POINTS.encode(),
+        POINTS.encode("utf-16"),
+        POINTS.replace("\n", "\r\n").encode(),
+        ("# recorded by hand\n\n" + POINTS.replace("t,u,x", '"t" , "u", "x"') + "\n").encode(),
+        POINTS.replace("\n", ",\n").encode(),
+    ],
+    ids=["plain", "semicolon", "decimal comma", "tab", "BOM", "UTF-16", "CRLF", "comment, blanks", "trailing comma"],
+)
+def test_columns_are_read(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.CSV"
+    path.write_bytes(content)
+    assert {name: values.tolist() for name, values in read_columns(path).items()} == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda s: s.replace("0.25", "nan"), "line 3, row 2, column x: nan is not finite. Leave the row out"),
+        (lambda s: s.replace("1.5", "-inf"), "line 2, row 1, column u: -inf is not finite."),
+        (lambda s: s.replace("0.25", ""), "line 3, row 2, column x: is empty."),
+        (lambda s: s.replace("0.25", "O.25"), "line 3, row 2, column x: 'O.25' is not a number."),
+        (lambda s: s.replace("0.1,0,0.25", "0.1,0"), "line 3: 2 cells for 3 columns."),
+        (lambda s: s.replace("0.25", "0,25"), "line 3: 4 cells for 3 columns."),
+        (
+            lambda s: semicolons(s).replace("1.5", "1.234,5"),
+            "column u: '1.234,5' is not a number. Write it with a point",
+        ),
+        (lambda s: s.split("\n", 1)[1], "the first line holds numbers. It must name the columns"),
+        (lambda s: s.split("\n", 1)[0], "holds no rows below its first line."),
+        (lambda s: "", "holds no rows."),
+    ],
+)
+def test_what_cannot_be_read_is_said(tmp_path: Path, change: Callable[[str], str], text: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(change(POINTS), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=re.escape(text)):
+        read_columns(path)
+
+
+def test_decimal_commas_between_commas_get_the_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,u,x\n0,0,1,5,0,25\n", encoding="utf-8")
+    with pytest.raises(DescriptionError, match="If numbers have a decimal comma, divide cells by semicolons"):
+        read_columns(path)
+
+
+def test_only_the_first_wrong_cells_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t\n" + "nan\n" * 9, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        read_columns(path)
+    assert len(caught.value.problems) == 6
+    assert caught.value.problems[-1].endswith("4 more cells like these.")
+
+
+def test_a_nan_among_measured_rows_ends_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "pulse.csv"
+    path.write_text(
+        "t,u,x\n" + "".join(f"{k * 1e-3},0,{'nan' if k == 4 else 0.0}\n" for k in range(9)), encoding="utf-8"
+    )
+    assert main(["identify", "nct", str(path)]) == 2
+    assert "line 6, row 5, column x: nan is not finite" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["time", "command", "position", "velocity"])
+def test_samples_that_are_not_finite_are_refused(name: str) -> None:
+    signals = {key: np.zeros(20) for key in ("time", "command", "position", "velocity")}
+    signals[name][7] = np.nan
+    with pytest.raises(DescriptionError, match=f"{name} is not finite everywhere; the first such sample is number 8"):
+        nct_from_signals(**signals)
+
+
+def test_tunings_and_sweeps_tell_their_own_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "t.toml").write_text('system = "s.toml"\nobjectiv = "error_rms"\nmethod = "grid"\n', encoding="utf-8")
+    assert main(["tune", str(tmp_path / "t.toml")]) == 2
+    err = capsys.readouterr().err
+    assert "objectiv: unknown key. Did you mean 'objective'?" in err
+    assert "method: unknown key. Known: description, experiment, generations, limits, metrics, objective" in err
+    (tmp_path / "sweep.toml").write_bytes("system = 's.toml'\nmetod = 'grid'\n".encode("utf-16"))
+    assert main(["sweep", str(tmp_path / "sweep.toml")]) == 2
+    assert "metod: unknown key. Did you mean 'method'?" in capsys.readouterr().err
