@@ -21,6 +21,8 @@ from conftest import ROOT, WORKSPACE
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 from instances import DISCARD, ERROR, OK
 
+from cosim.model import Controller
+
 COMPONENTS = sorted(WORKSPACE.components())
 PLANTS = ("BallscrewStage", "CompliantBallscrew", "LinearMotor", "NominalStage")
 SAMPLED = [name for name in COMPONENTS if issubclass(WORKSPACE.component(name), Controller)]

@@ -14,10 +14,10 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import DescriptionError, suggest
-from ..fmu.description import Variable
 from ..fmu.places import shipped_file
 from ..fmu.tables import checked
 from ..fmu.text import read_toml
+from ..fmu.variables import Variable
 from ..result import metrics as figures
 from ..result.result import Result
 from ..result.summary import tracking
