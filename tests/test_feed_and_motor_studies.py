@@ -78,7 +78,7 @@ def test_both_columns_differ_in_the_model_and_in_nothing_else() -> None:
 
 
 LOST = ("nctf_fuzzy", "shams")
-"""The search finds no gains for it: its costs in ``gains.toml`` are millimetres."""
+"""The search finds no gains that stand one sample of delay: its costs in ``gains.toml`` are millimetres."""
 
 
 def test_one_controller_has_no_gains_for_one_plant() -> None:

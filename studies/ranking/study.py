@@ -276,6 +276,36 @@ MEASURES: dict[str, Callable[[Outcomes], Numbers]] = {
 }
 
 
+def conclusion(outcomes: Outcomes) -> str:
+    """What a user should conclude, in five sentences; the names and figures come from the runs."""
+
+    def best(values: Numbers, count: int = 1) -> str:
+        return ", ".join(f"{name} ({number(values[name])})" for name in sorted(values, key=lambda n: values[n])[:count])
+
+    def least_and_most(values: Numbers) -> str:
+        low, high = (choose(values, key=lambda n: values[n]) for choose in (min, max))
+        return f"{number(values[low])} ({low}) to {number(values[high])} ({high})"
+
+    rms = {model: named(places(outcomes, "error_rms", model)) for model in MODELS}
+    calm = named(places(outcomes, "command_tv", True))
+    order = correlations(outcomes)
+    p90 = {model: machines("p90", model)(outcomes) for model in MODELS}
+    alike = min(order["seeds, without model"], order["seeds, with model"], order["with and without model"])
+    return f"""
+1. The mean places by rms error lead with {best(rms[False], 4)} without a model of friction and
+   {best(rms[True], 4)} with it: places as near as these are decided by the plant, so read the figures of yours below.
+2. The same model of friction divides the error by {least_and_most(gain_of_model(outcomes))}: for most that is more than
+   the step to the next controller, and nobody gets it for nothing, as sentence 5 says.
+3. Tuning counts as much: three free gains divide the cost of one knob by {least_and_most(over_diagonal(outcomes))}, and
+   two searches differ by a factor of {least_and_most(seeds(outcomes))} in the median.
+4. The order itself is steady, with rank correlations of at least {number(alike)} between two seeds and between with and
+   without model, but it says nothing about a calm command (correlation with the order by variation:
+   {number(order["rms and variation, with model"])}), where {best(calm, 3)} lead.
+5. On nine of ten machines of the box the error grows by no more than {best(p90[False], 3)} without the model, and
+   with it by {least_and_most(p90[True])}: what is tuned with a good model is lost first where the machine is another.
+"""
+
+
 def tables(outcomes: Outcomes) -> str:
     """The figures behind the ranking, in Markdown."""
     parts: list[str] = []
@@ -379,5 +409,5 @@ STUDY = read_study(
         ),
     },
     measures=MEASURES,
-    chapters={"All figures": tables},
+    chapters={"What to conclude": conclusion, "All figures": tables},
 )
