@@ -17,7 +17,8 @@ from pathlib import Path
 import psutil
 
 from cosim.design.plan import make_sweep
-from cosim.design.pulse import LEAD_IN, MONITORED, learn_friction_pulse, log_interpolated
+from cosim.design.pulse import MONITORED, learn_friction_pulse, log_interpolated
+from cosim.design.reversals import LEAD_IN
 from cosim.design.stability import limit_map, read_map
 from cosim.design.sweep import Progress, sweep
 

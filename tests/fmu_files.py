@@ -155,7 +155,7 @@ def write_gain(
 def probe_library(name: str = "probe") -> Path:
     """The probe, or another source beside it, compiled for this machine; compiled again when a source changes."""
     path = PROBE_SOURCE.with_name(f"{name}.c")
-    source = path.read_bytes() + PROBE_SOURCE.read_bytes()
+    source = path.read_bytes() + PROBE_SOURCE.read_bytes() + PROBE_SOURCE.with_name("probe3.c").read_bytes()
     library = BUILD / f"{name}-{hashlib.sha256(source).hexdigest()[:16]}{Path(library_name()).suffix}"
     if not library.exists():
         BUILD.mkdir(parents=True, exist_ok=True)
@@ -172,3 +172,46 @@ def write_probe(folder: Path, name: str = "Probe", **units: str) -> Path:
     """The probe as ``folder/name.fmu``; ``units`` replaces the units of variables."""
     variables = [replace(v, unit=units.get(v.name, v.unit)) for v in PROBE]
     return write_fmu(folder / f"{name}.fmu", variables, binary=probe_library().read_bytes())
+
+
+TYPES3 = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")
+"""The types of FMI 3.0 of which ``echo3.c`` has arrays."""
+
+
+def description3(
+    *, interface: str = "CoSimulation", version: str = "3.0", more: str = "", starts: Mapping[str, str] | None = None
+) -> str:
+    """The text of a modelDescription.xml for ``echo3.c``, with ``more`` variables; start values by type."""
+    given = starts or {}
+    arrays: list[str] = []
+    for number, type_name in enumerate(TYPES3):
+        start = given.get(type_name, "false" if type_name == "Boolean" else "0")
+        arrays.append(
+            f'<{type_name} name="u_{type_name}" valueReference="{30 + number}" causality="input" start="{start}">'
+            f'<Dimension start="3"/></{type_name}>'
+            f'<{type_name} name="y_{type_name}" valueReference="{50 + number}" causality="output">'
+            f'<Dimension start="3"/></{type_name}>'
+        )
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<fmiModelDescription fmiVersion="{version}" modelName="Echo" instantiationToken="probe">'
+        f'<{interface} modelIdentifier="echo3"/><ModelVariables>'
+        '<Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>'
+        '<Float64 name="u" valueReference="1" causality="input" start="0"/>'
+        '<Float64 name="y" valueReference="2" causality="output"><Dimension start="2"/></Float64>'
+        '<Float64 name="gain" valueReference="3" causality="parameter" variability="fixed" start="1"/>'
+        '<Float64 name="terminate_at" valueReference="20" causality="parameter" variability="fixed" start="1e9"/>'
+        '<Float64 name="early_at" valueReference="21" causality="parameter" variability="fixed" start="1e9"/>'
+        f"{''.join(arrays)}{more}</ModelVariables>"
+        '<ModelStructure><Output valueReference="2"/></ModelStructure></fmiModelDescription>\n'
+    )
+
+
+def write_echo3(path: Path, **header: Any) -> Path:
+    """The FMI 3.0 probe with arrays of every type."""
+    tuple_name = {"linux64": "x86_64-linux", "win64": "x86_64-windows", "darwin64": "x86_64-darwin"}
+    platform = tuple_name.get(fmpy.platform, fmpy.platform)
+    library = f"binaries/{platform}/echo3{Path(library_name()).suffix}"
+    return write_zip(
+        path, {"modelDescription.xml": description3(**header), library: probe_library("echo3").read_bytes()}
+    )

@@ -32,7 +32,7 @@ ROOMS = (
     Room("cosim.units", ["cosim.errors"]),
     Room("cosim.model", ["cosim.errors", "cosim.units"]),
     Room("fmus", ["cosim.model"]),
-    Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml"]),
+    Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml", "pydantic", "pydantic_core", "tomli_w"]),
     Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.system", [*BASE, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
     Room("cosim.result", BASE, ["matplotlib", "numpy", "pandas", "pyarrow"]),
@@ -50,7 +50,7 @@ ROOMS = (
     Room(
         "cosim.design",
         [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
-        ["control", "dask", "distributed", "matplotlib", "numpy", "pyarrow", "scipy"],
+        ["control", "distributed", "matplotlib", "numpy", "pyarrow", "pydantic", "scipy"],
     ),
     Room(
         "cosim.study",

@@ -46,7 +46,7 @@ def test_help_has_an_example(command: list[str], capsys: pytest.CaptureFixture[s
 
 
 def test_start_up_does_not_load_what_only_tools_need() -> None:
-    heavy = ("scipy", "distributed", "dask", "control", "matplotlib", "cosim.master")
+    heavy = ("scipy", "distributed", "dask", "control", "matplotlib", "numpy", "cosim.master.simulation")
     code = f"import sys, cosim.commands.cli; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

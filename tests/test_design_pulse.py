@@ -14,8 +14,6 @@ from cosim.design.pulse import (
     ACCELERATIONS,
     RELEARN,
     SHARES,
-    Axis,
-    AxisRuns,
     Learned,
     Tables,
     best_spread,
@@ -29,6 +27,8 @@ from cosim.design.pulse import (
     save,
     write_start,
 )
+from cosim.design.reversals import Axis, AxisRuns, reversal, reversal_errors
+from cosim.design.workers import unload
 from cosim.errors import DescriptionError
 from cosim.master.simulation import simulate
 from cosim.result import metrics
@@ -80,9 +80,13 @@ def test_threads_change_nothing(native: Path) -> None:
 def test_runs_from_the_reversal_are_runs_from_the_start(native: Path) -> None:
     """The same reversal run as a whole, the pulse given as a start value, gives the same error bit by bit."""
     with AxisRuns(read_system(FENG / "circle.toml", fmus=native), Axis.named("x")) as runs:
-        plain, pushed = runs.errors([(10e-3, [(0.0, 0.0), (0.5e-3, 0.08)], 0.3)])[0]
-        checkpoint = next(iter(runs._checkpoints.values()))
+        job = 10e-3, [(0.0, 0.0), (0.5e-3, 0.08)], 0.3
+        plain, pushed = runs.errors([job])[0]
+        here = reversal_errors(runs.given, job)
+        checkpoint = reversal(runs.given, 10e-3)
         names = [".".join(end) for end in checkpoint.system.record]
+    unload()
+    assert np.array_equal(pushed, here[1])
     whole = simulate(checkpoint.system.changed({"pulse_x.A": 0.5e-3, "pulse_x.T": 0.08}))
     error = whole[names[0]] - whole[names[1]]
     assert np.array_equal(pushed, error[checkpoint.point : checkpoint.point + pushed.size])
@@ -92,8 +96,8 @@ def test_runs_from_the_reversal_are_runs_from_the_start(native: Path) -> None:
 def test_start_at_speed_has_no_transient(native: Path) -> None:
     """The error stays below a um; with an empty integrator friction makes many um of it."""
     with AxisRuns(read_system(FENG / "circle.toml", fmus=native), Axis.named("x")) as runs:
-        runs.errors([(40e-3, [(0.0, 0.0)], 0.1)])
-        checkpoint = next(iter(runs._checkpoints.values()))
+        checkpoint = reversal(runs.given, 40e-3)
+    unload()
     empty = simulate(checkpoint.system.changed({"controller_x.integral_start": 0.0}, stop_time=0.1)).rows
     steady, transient = (np.max(np.abs(rows[:400, 0] - rows[:400, 1])) for rows in (checkpoint.result.rows, empty))
     assert steady < 0.8e-6

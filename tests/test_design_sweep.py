@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,17 @@ import distributed
 import numpy as np
 import psutil
 import pytest
+from fmu_files import PROBE, probe_library, write_fmu
 
-from cosim.design import sweep as sweeps
-from cosim.design.dataset import DataSet, Row
-from cosim.design.plan import Point, Sweep, make_sweep, read_sweep
-from cosim.design.sweep import Job, Progress, report, sweep
-from cosim.errors import DescriptionError, FileError
+from cosim.design import crew
+from cosim.design.dataset import DataSet
+from cosim.design.plan import Sweep, make_sweep, read_sweep
+from cosim.design.sweep import Progress, report, sweep
+from cosim.design.workers import LEAST_SECONDS, LONGEST_TIMES, UNKNOWN_SECONDS, Limit
+from cosim.errors import CosimError, DescriptionError, FileError
 from cosim.system.system import read_system
 
+linux = pytest.mark.skipif(sys.platform != "linux", reason="the FMU of this test misbehaves in the ways of Linux")
 STEP = Path(__file__).parents[1] / "studies" / "maeda2008" / "step.toml"
 GAINS = {"from": 300.0, "to": 1200.0, "count": 4}
 
@@ -90,7 +93,7 @@ def test_everything_wrong_is_said_at_once(make: Callable[..., Sweep]) -> None:
         ({"plant.m": {"from": 1.0}}, {}, "write { from = 1.0"),
         ({"plant.m": {"from": 0.0, "to": 1.0, "count": 3, "log": True}}, {}, "log needs positive ends"),
         ({"plant.m": [1.0], "plant.J": [1.0, 2.0]}, {"method": "list"}, "equally many"),
-        ({"plant.m": {"from": 1.0, "to": 2.0}}, {"method": "sobol"}, "not a number of runs"),
+        ({"plant.m": {"from": 1.0, "to": 2.0}}, {"method": "sobol"}, "needs a number of runs"),
         ({"plant.position": [1.0]}, {}, "cannot be set"),
         ({}, {}, "none given"),
         ({"plant.m": [1.0]}, {"method": "sobel"}, "Did you mean 'sobol'"),
@@ -123,13 +126,13 @@ def test_without_metrics_the_loop_is_judged(make: Callable[..., Sweep], tmp_path
 
 
 def test_a_failing_run_is_recorded_and_stops_no_other(make: Callable[..., Sweep], tmp_path: Path) -> None:
-    """F_S below F_C breaks a rule of the plant, which it finds when it is initialized."""
-    plan = make({"plant.F_S": [0.05, 0.01, 0.06]})
+    """F_S = 0 with F_C above 0 breaks a rule of the plant, which it finds when it is initialized."""
+    plan = make({"plant.F_S": [0.05, 0.0, 0.06]})
     outcome = sweep(plan, tmp_path / "data", workers=0)
     rows = rows_of(tmp_path / "data")
     assert outcome.failed == 1
     assert rows["run"] == [0, 1, 2]
-    assert "static friction" in rows["error"][1].lower()
+    assert "F_S = 0 with F_C > 0" in rows["error"][1]
     assert rows["error_rms"][1] is None
     assert rows["error"][0] is rows["error"][2] is None
     assert "Failed runs" in report(tmp_path / "data").read_text(encoding="utf-8")
@@ -196,12 +199,12 @@ def test_a_full_disk_ends_the_sweep_and_loses_nothing(
     def full(file: int) -> None:
         nonlocal written
         written += 1
-        if written > 3:
+        if written > 6:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         real(file)
 
-    monkeypatch.setattr(sweeps.os, "fsync", full)
-    with pytest.raises(FileError, match="no space is left on the disk"):
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(FileError, match="no space is left"):
         sweep(plan, tmp_path / "data", workers=0)
     monkeypatch.undo()
     assert not list(tmp_path.rglob("*.part"))
@@ -243,12 +246,59 @@ def test_a_killed_sweep_goes_on(native: Path, tmp_path: Path) -> None:
     assert_complete(tmp_path / "data", plan)
 
 
+def test_damaged_files_are_set_aside_and_their_runs_done_again(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    plan = make({"controller.K_P": {"from": 300.0, "to": 1200.0, "count": 30}})
+    sweep(plan, tmp_path / "data", workers=0)
+    whole = rows_of(tmp_path / "data")["error_rms"]
+    first, second, *_ = sorted((tmp_path / "data" / "runs").glob("*.parquet"))
+    first.write_bytes(first.read_bytes()[:-100])
+    second.write_bytes(b"")
+    (tmp_path / "data" / "sweep.json").write_text('{"digest": ', encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"sweep\.json is damaged"):
+        report(tmp_path / "data")
+    outcome = sweep(plan, tmp_path / "data", workers=0)
+    assert len(outcome.notes) == 3
+    assert "it is not whole" in "".join(outcome.notes)
+    assert 0 < outcome.new < 30
+    assert_complete(tmp_path / "data", plan)
+    assert rows_of(tmp_path / "data")["error_rms"] == whole
+    assert sweep(plan, tmp_path / "data", workers=0).notes == ()
+
+
+def test_rows_of_another_sweep_are_known_without_its_description(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    sweep(make({"controller.K_P": [1.0]}), tmp_path / "data", workers=0)
+    (tmp_path / "data" / "sweep.json").write_text("", encoding="utf-8")
+    with pytest.raises(DescriptionError, match="another sweep"):
+        sweep(make({"controller.K_P": [2.0]}), tmp_path / "data", workers=0)
+
+
+@linux
+def test_what_an_fmu_does_to_its_process_meets_no_other_run(hostile: Callable[..., Sweep], tmp_path: Path) -> None:
+    """Rounding, locale and folder are changed in the middle of a run; the runs after it are as before."""
+    ways = ["good", "rounding", "good", "chdir", "good"]
+    sweep(hostile(*ways, metrics={"y": {"of": "rms", "signal": "h.y"}}, method="list"), tmp_path / "data", workers=1)
+    rows = rows_of(tmp_path / "data")
+    assert rows["error"] == [None] * 5
+    assert rows["y"][0] == rows["y"][2] == rows["y"][4]
+
+
+@linux
+def test_two_sweeps_do_not_write_into_one_folder(make: Callable[..., Sweep], tmp_path: Path) -> None:
+    plan = make({"controller.K_P": [1.0]})
+    with DataSet(tmp_path / "data").locked(), pytest.raises(DescriptionError, match="another sweep is writing"):
+        sweep(plan, tmp_path / "data", workers=0)
+
+
 # Workers
 
 
 def workers() -> list[psutil.Process]:
-    """Processes of dask workers that this one has started."""
-    return [child for child in psutil.Process().children(recursive=True) if "spawn_main" in " ".join(child.cmdline())]
+    """Processes for runs that this one has started."""
+    return [
+        child
+        for child in psutil.Process().children(recursive=True)
+        if "cosim.design.workers" in " ".join(child.cmdline())
+    ]
 
 
 def test_a_worker_killed_on_the_way_costs_no_run(make: Callable[..., Sweep], tmp_path: Path) -> None:
@@ -270,40 +320,85 @@ def test_a_worker_killed_on_the_way_costs_no_run(make: Callable[..., Sweep], tmp
     assert not workers()
 
 
-def deadly_batch(job: Job, numbers: Sequence[int], points: Sequence[Point]) -> list[Row]:
-    """``run_batch``, but run 2 takes its process with it."""
-    if 2 in numbers:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return [Row(number, point, {"figure": 1.0}, 0.3, "") for number, point in zip(numbers, points, strict=True)]
+@pytest.fixture
+def hostile(tmp_path: Path) -> Callable[..., Sweep]:
+    """A sweep over the ways in which an FMU misbehaves, with a limit of a second."""
+    write_fmu(tmp_path / "Hostile.fmu", PROBE, binary=probe_library("hostile").read_bytes())
+    (tmp_path / "hostile.toml").write_text(
+        "connections = []\n[experiment]\nstop_time = 1.0\nstep_size = 0.01\n"
+        '[instances.h]\nfmu = "Hostile"\nstart = { fail_time = 0.5 }\n',
+        encoding="utf-8",
+    )
+
+    def made(*ways: str, **more: Any) -> Sweep:
+        document = {
+            "system": "hostile.toml",
+            "timeout": 1.0,
+            "parameters": {"h.label": list(ways)},
+            "metrics": {"last": {"of": "last", "signal": "h.clock"}},
+            **more,
+        }
+        return make_sweep(document, folder=tmp_path, fmus=tmp_path)
+
+    return made
 
 
-def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(
-    make: Callable[..., Sweep], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@linux
+def test_runs_that_crash_exit_or_hang_are_recorded_and_stop_no_other(
+    hostile: Callable[..., Sweep], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(sweeps, "run_batch", deadly_batch)
-    monkeypatch.setattr(sweeps, "DEATHS", 1)
-    plan = make({"controller.K_P": {"from": 300.0, "to": 1200.0, "count": 8}})
-    outcome = sweep(plan, tmp_path / "data", workers=1)
-    rows = rows_of(tmp_path / "data")
+    reasons = {
+        "segv": "crashed: SIGSEGV",
+        "exit 0": "exit code 0",
+        "hang": "did not end within 1 s",
+        "close all": "closed the connection",
+        "kill": "killed 3 times",
+    }
+    plan = hostile("good", *reasons, "good")
+    outcome = sweep(plan, tmp_path / "data", workers=2)
     assert_complete(tmp_path / "data", plan)
-    assert outcome.failed == 1
-    assert "the worker process died" in rows["error"][2]
-    assert rows["figure"] == [None if run == 2 else 1.0 for run in range(8)]
+    rows = rows_of(tmp_path / "data")
+    for run, reason in enumerate(reasons.values(), start=1):
+        assert reason in rows["error"][run]
+    assert outcome.failed == len(reasons)
+    assert rows["last"] == [pytest.approx(1.0), None, None, None, None, None, pytest.approx(1.0)]
+    assert not workers()
+    assert sweep(plan, tmp_path / "data", workers=2).new == 0
+
+
+def test_without_a_limit_given_it_follows_from_the_runs_measured() -> None:
+    limit = Limit()
+    assert limit.seconds == UNKNOWN_SECONDS
+    limit.learn(0.1)
+    assert limit.seconds == LEAST_SECONDS
+    limit.learn(3.0)
+    limit.learn(1.0)
+    assert limit.seconds == LONGEST_TIMES * 3.0
+    assert Limit(2.0).seconds == 2.0
+
+
+def test_fmus_that_cannot_be_loaded_end_the_sweep_with_a_sentence(
+    hostile: Callable[..., Sweep], tmp_path: Path
+) -> None:
+    (tmp_path / "Hostile.fmu").unlink()
+    write_fmu(tmp_path / "Hostile.fmu", PROBE, binary=b"no library")
+    with pytest.raises(CosimError, match="cannot be loaded"):
+        sweep(hostile("good", "good"), tmp_path / "data", workers=2)
+    assert not workers()
 
 
 def test_a_cluster_given_by_its_scheduler_does_the_runs(make: Callable[..., Sweep], tmp_path: Path) -> None:
     plan = make({"controller.K_P": GAINS})
     cluster = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address="127.0.0.1:0"
     )
     with cluster:
         outcome = sweep(plan, tmp_path / "data", scheduler=cluster.scheduler_address)
-        sweeps.unload()
     assert (outcome.runs, outcome.failed, outcome.workers) == (4, 0, 1)
     assert_complete(tmp_path / "data", plan)
 
 
 def test_no_scheduler_is_said(make: Callable[..., Sweep], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweeps, "CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr(crew, "CONNECT_SECONDS", 0.5)
     with pytest.raises(DescriptionError, match=r"no dask scheduler at tcp://127\.0\.0\.1:9"):
         sweep(make({"plant.m": [3.0]}), tmp_path / "data", scheduler="tcp://127.0.0.1:9")

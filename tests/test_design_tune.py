@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fmu_files import write_probe
 
 from cosim.design.tune import Trial, Tuned, Tuning, make_tuning, read_tuning, tune, write_start
 from cosim.errors import DescriptionError
@@ -71,24 +72,31 @@ def test_limits_are_kept_where_they_bind(make: Callable[..., Tuning]) -> None:
     assert impossible.best.excess == min(trial.excess for trial in impossible.trials)
 
 
-def test_failing_runs_lose_against_all_others(make: Callable[..., Tuning]) -> None:
-    """F_S below F_C is refused by the plant: the best point lies on the other side."""
-    tuning = make(
-        system="step.toml",
-        parameters={"plant.F_S": {"from": 0.02, "to": 0.08}},
-        metrics=METRICS,
-        objective="swing",
-        generations=3,
+def test_failing_runs_lose_against_all_others(tmp_path: Path) -> None:
+    """A run whose FMU fails before the end is no candidate; the best point fails after it."""
+    write_probe(tmp_path)
+    (tmp_path / "probe.toml").write_text(
+        "connections = []\n[experiment]\nstop_time = 1.0\nstep_size = 0.01\n"
+        '[instances.h]\nfmu = "Probe"\nstart = { y_start = 1.0 }\n',
+        encoding="utf-8",
     )
-    tuned = tune(tuning)
+
+    def made(last: float) -> Tuning:
+        document = {
+            "system": "probe.toml",
+            "objective": "end",
+            "generations": 3,
+            "parameters": {"h.fail_time": {"from": 0.1, "to": last}},
+            "metrics": {"end": {"of": "last", "signal": "h.y"}},
+        }
+        return make_tuning(document, folder=tmp_path, fmus=tmp_path)
+
+    tuned = tune(made(2.0))
     assert any(trial.error for trial in tuned.trials)
     assert tuned.feasible
-    assert tuned.parameters["plant.F_S"] >= 0.046
-    none = make(
-        system="step.toml", parameters={"plant.F_S": {"from": 0.02, "to": 0.03}}, metrics=METRICS, objective="swing"
-    )
+    assert tuned.parameters["h.fail_time"] >= 0.99
     with pytest.raises(DescriptionError, match="no run of"):
-        tune(none)
+        tune(made(0.5))
 
 
 def test_threads_change_nothing(make: Callable[..., Tuning]) -> None:
@@ -105,7 +113,7 @@ def test_everything_wrong_is_said(make: Callable[..., Tuning], tmp_path: Path) -
         ({"objective": "swin", "metrics": METRICS}, "Did you mean 'swing'"),
         ({"limits": {"swin": 1.0}, "metrics": METRICS, "objective": "end"}, "Did you mean 'swing'"),
         ({"objective": None}, "objective: missing"),
-        ({"generations": 0}, "generations: 0 is not a count"),
+        ({"generations": 0}, "generations: must be greater than or equal to 1"),
         ({"parameters": {"controller.K_P": [1.0, 2.0]}}, "write { from"),
         ({"parameters": {"controller.K_P": {"from": -1.0, "to": 2.0}}}, "below its minimum"),
     ):

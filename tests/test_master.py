@@ -465,10 +465,10 @@ def test_a_failing_instance_frees_all_and_keeps_what_was_computed(
     assert live.count == 0
 
 
-def test_after_fatal_that_instance_is_left_alone(make: Make, live: Live) -> None:
+def test_after_fatal_all_instances_of_that_fmu_are_left_alone(make: Make, live: Live) -> None:
     with pytest.raises(CallError, match=r"bad: fmi2DoStep at 10 s returned fmi2Fatal."):
         simulate(failing(make, 4, 0), progress=live)
-    assert live.count == 1
+    assert live.count == 2
 
 
 def test_failure_in_initialization(make: Make) -> None:

@@ -98,8 +98,9 @@ def test_derivatives_at_the_origin_are_finite(name: str) -> None:
 
 def test_an_infinite_slope_spoils_only_its_branch() -> None:
     """Both branches of where are evaluated; that of the root has an infinite slope at 0."""
-    for function in (model.sqrt, lambda x: x**0.5, lambda x: model.asin(x + 1.0)):
-        found = model.where(False, function(Dual(0.0, (1.0,))), Dual(3.0, (2.0,)))
+    functions: tuple[Any, ...] = (model.sqrt, lambda x: x**0.5, lambda x: model.asin(x + 1.0))
+    for function in functions:
+        found: Any = model.where(False, function(Dual(0.0, (1.0,))), Dual(3.0, (2.0,)))
         assert (found.value, found.slopes) == (3.0, (2.0,))
         assert function(Dual(0.0, (1.0,))).slopes == (math.inf,)
 

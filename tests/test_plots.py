@@ -207,7 +207,7 @@ def test_pictures_are_written_into_new_folders(tmp_path: Path, ending: str) -> N
 
 
 def test_an_unknown_ending_is_an_error_that_names_the_file(tmp_path: Path) -> None:
-    with pytest.raises(DescriptionError, match=r"picture .*run\.mp3: Format 'mp3' is not supported"):
+    with pytest.raises(DescriptionError, match=r"run\.mp3: the name of a picture must end in \.png, "):
         plots.plot_run(one_axis(), tmp_path / "run.mp3")
 
 

@@ -411,7 +411,7 @@ def test_claims_are_read_with_unit_rules_reasons_and_copies(tmp_path: Path) -> N
         ("near = 0.1, at_least = 1.0, ", "", r"no condition: give near"),
         ("reproduced", "agrees", r"rule for 'agrees', which a paper cannot get"),
         ("reproduced", "confirmed", r"claims\.toml: tables\[1\]\.claims\[1\]\.verdicts\.confirmed"),
-        ('unit = "%"', 'unti = "%"', r"claims\.toml: tables\[1\]\.claims\[1\]\.unti: Extra inputs"),
+        ('unit = "%"', 'unti = "%"', r"claims\.toml: tables\[1\]\.claims\[1\]\.unti: unknown key"),
         ('["sm*"]', '["st*"]', r"spread: no run matches 'st\*'"),
         ('unit = "%"', 'unit = "%"\nwithout = 2.1', r"the tolerance 0\.2 is not below the effect 0\.1 that it tests"),
         ("near = 0.1,", "share_of_effect = 0.5,", r"share_of_effect needs the published values without the effect"),

@@ -183,7 +183,7 @@ def test_other_parameters_and_other_stimuli_are_found(tmp_path: Path) -> None:
         ({"out.csv": b"time,y\n0.125,0\n0,0\n"}, "is before"),
         ({"out.csv": b"time,y,y\n0,0,0\n"}, "column 'y' is there twice"),
         ({"out.csv": b""}, "the first column is ''"),
-        ({"out.csv": b"time,y,w\n0,0,0\n0.125,0,0\n"}, "the FMU has no variable 'w'"),
+        ({"out.csv": b"time,v,w\n0,0,0\n0.125,0,0\n"}, "the FMU has no variable 'v', 'w'"),
         ({"in.csv": b"time,v\n0,0\n1,0\n"}, "the FMU has no input 'v'"),
         ({"gain.ssv": GAIN.replace('"gain"', '"gian"')}, "no variable 'gian'. Did you mean 'gain'?"),
         ({"gain.ssv": "<ssv:"}, "gain.ssv: not valid XML"),
@@ -194,6 +194,19 @@ def test_what_is_wrong_with_the_files_is_said(tmp_path: Path, files: dict[str, b
     assert report.code == 2
     assert said in "\n".join(report.problems)
     assert all(problem.startswith("Probe.fmu: ") for problem in report.problems)
+
+
+@pytest.mark.parametrize("names", [("y", "w"), ("Float32_output", "y", "z"), ("v", "w", "z")])
+def test_columns_of_other_fmus_are_a_remark(tmp_path: Path, names: tuple[str, ...]) -> None:
+    rows = [{"y": y, "z": z} for y, z in response()]
+    out = table(names, [[row.get(name, 1e9) for name in names] for row in rows])
+    experiment = Experiment(**{**EXPERIMENT.__dict__, "tolerances": {}})
+    report = verify(probe(tmp_path, {"e.exp": lsref.write_experiments("probe", "", [experiment]), "out.csv": out}))
+    (outcome,) = report.outcomes
+    others = ", ".join(f"'{name}'" for name in names if name not in ("y", "z"))
+    assert report.code == 0
+    assert [signal.name for signal in outcome.signals] == [name for name in names if name in ("y", "z")]
+    assert outcome.notes == (f"the FMU has no variable {others}: not compared.",)
 
 
 def test_all_problems_of_an_experiment_are_told_and_others_run(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 try:
-    from numba import njit
+    from numba import njit  # pyright: ignore[reportAssignmentType]
 except ModuleNotFoundError:
     # One run takes a second in plain Python; for all 782 of them install numba (extra "references").
     def njit(function):  # type: ignore[no-untyped-def]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -228,11 +229,18 @@ RULES = {
         lambda measured, _: all((value < 5.0) is (label != "10 %") for label, value in measured.items()),
     ),
 }
+
+
+def with_friction(outcomes: Outcomes) -> Any:
+    """The ultimate gain of the stage with friction and without."""
+    return {"with": ultimate_gain()(outcomes), "without": ultimate_gain("_frictionless")(outcomes)}
+
+
 MEASURES: dict[str, Measure] = {
     "ultimate": ultimate_gain(),
     "ultimate_parallel": ultimate_gain("_parallel"),
     "ultimate_delayed": ultimate_gain("_delayed"),
-    "with_friction": lambda o: {"with": ultimate_gain()(o), "without": ultimate_gain("_frictionless")(o)},
+    "with_friction": with_friction,
     "practical_limits": zeta_limits(*ZETA_LIMITS),
     "limits": zeta_limits(0.05, 0.1, 0.2, 0.25, 0.3),
     "limit_maps": limit_maps,

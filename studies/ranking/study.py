@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import rankdata, spearmanr
@@ -115,7 +115,7 @@ def activity(controller: str, plant: str) -> Callable[[Result, tuple[float, floa
 def start_values(controller: str, plant: str, model: bool, seed: int) -> dict[str, Value]:
     """Gains found with a seed, as changes of the system with those of the first seed."""
     row = GAINS[controller][plant][TUNE.COLUMNS[model]][str(seed)]["gains"]
-    found: dict[str, Value] = {}
+    found: dict[str, Any] = {}
     for instance, start in TUNE.starts(ENTRIES[controller], TUNE.PLANTS[plant], TUNE.Gains(*row), model).items():
         for name, value in start.items():
             values = value if isinstance(value, list) else None
@@ -176,7 +176,8 @@ def named(values: Sequence[float] | Array) -> Numbers:
 
 def correlation(one: Array, other: Array) -> float:
     """Spearman's rank correlation: 1 for the same order."""
-    return float(spearmanr(one, other).statistic)
+    result: Any = spearmanr(one, other)
+    return float(result.statistic)
 
 
 def correlations(outcomes: Outcomes) -> Numbers:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -155,8 +155,9 @@ def test_a_command_that_is_not_finite_leaves_the_errors() -> None:
     recording = loop(np.ones_like(TIME), np.ones_like(TIME))
     command = np.ones_like(TIME)
     command[-1] = math.nan
-    recording.columns = {**recording.columns, "c.command": command}
-    recording.units = {**recording.units, "c.command": "N"}
+    recording = replace(
+        recording, columns={**recording.columns, "c.command": command}, units={**recording.units, "c.command": "N"}
+    )
     found = rows(recording)
     assert found["Position error, at the end"].value == 0.0
     assert found["Command"].reason == "c.command is not finite from 1 s on"

@@ -29,11 +29,11 @@ def add(commands: Any) -> None:
     nct.add_argument("--e-lin", type=float, metavar="m", help="position error at which the linear part ends")
     nct.add_argument("--omega-n", type=float, metavar="rad/s", help="with --zeta: natural frequency of the compensator")
     nct.add_argument("--zeta", type=float, help="with --omega-n: damping ratio of the compensator")
-    nct.add_argument("--position", default="plant.position", metavar="INST.VAR")
+    nct.add_argument("--position", metavar="INST.VAR", help="default: plant.position")
     nct.add_argument(
-        "--velocity", default="plant.velocity", metavar="INST.VAR", help="'' to differentiate the position"
+        "--velocity", metavar="INST.VAR", help="'' to differentiate the position (default: plant.velocity)"
     )
-    nct.add_argument("--input", default="plant.command", metavar="INST.VAR")
+    nct.add_argument("--input", metavar="INST.VAR", help="default: plant.command")
     nct.add_argument("--output", type=Path, metavar="FILE", help="write the curve (.csv)")
     nct.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the NCT (.toml)")
     nct.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
@@ -52,6 +52,7 @@ def _identify(options: argparse.Namespace) -> int:
         e_lin=options.e_lin,
         position=options.position,
         velocity=options.velocity or None,
+        differentiate=options.velocity == "",
         command=options.input,
         fmus=options.fmus,
     )

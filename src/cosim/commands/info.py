@@ -7,10 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from .console import fmus_argument, make_table, standard_output
+from .console import fmus_argument, make_table, print_note, standard_output
 
 if TYPE_CHECKING:
-    from ..fmu.description import Fmu, Variable
+    from ..fmu.description import Fmu
+    from ..fmu.variables import Variable
+
+
+SHOWN_FINDINGS = 30
+"""Findings about the file that are shown."""
 
 
 def add(commands: Any) -> None:
@@ -36,7 +41,7 @@ def _run(options: argparse.Namespace) -> int:
     console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.text)}")
     step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
     stop = f", stop {fmu.stop_time:g} s" if fmu.stop_time is not None else ""
-    console.print(f"{escape(str(fmu.path))}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
+    console.print(f"{escape(str(fmu.path))}; FMI {fmu.fmi}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
     whole = ("Variable", "Unit", "Start", "Range")
     table = make_table("Variable", "Unit", "Start", "Range", "Description", right=("Start",), whole=whole)
     causality = ""
@@ -53,6 +58,12 @@ def _run(options: argparse.Namespace) -> int:
             escape(_description(variable)),
         )
     console.print(table)
+    for finding in fmu.findings[:SHOWN_FINDINGS]:
+        print_note(f"note: {finding}")
+    if len(fmu.findings) > SHOWN_FINDINGS:
+        print_note(f"note: and {len(fmu.findings) - SHOWN_FINDINGS} more findings like these.")
+    for obstacle in fmu.obstacles:
+        print_note(f"note: cannot run here: {obstacle}")
     console.print("Outputs and the inputs they depend on directly:")
     for output in fmu.outputs:
         console.print(f"  {escape(output)}: {escape(', '.join(fmu.dependencies[output]) or 'none')}")

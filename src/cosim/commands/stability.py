@@ -37,8 +37,8 @@ def add(commands: Any) -> None:
     )
     practical.add_argument("system", type=Path, metavar="SYSTEM")
     set_argument(practical, several=True)
-    practical.add_argument("--gain", default="controller.K_P", metavar="INST.VAR")
-    practical.add_argument("--position", default="plant.position", metavar="INST.VAR")
+    practical.add_argument("--gain", metavar="INST.VAR", help="default: controller.K_P")
+    practical.add_argument("--position", metavar="INST.VAR", help="default: plant.position")
     practical.add_argument("--first", type=float, default=300.0, help="gain at which the scan begins (default: 300)")
     practical.add_argument("--last", type=float, default=20000.0, help="gain at which it ends (default: 20000)")
     practical.add_argument("--swing", type=float, default=50e-9, metavar="m", help="oscillation that counts")
@@ -83,7 +83,7 @@ def _practical(options: argparse.Namespace) -> int:
     )
     content = {"limit": limit.value, "stable": limit.stable, "unstable": limit.unstable, "runs": limit.runs}
     rows = [(name, f"{value:.6g}") for name, value in content.items()]
-    show(options, content, [(options.gain, ""), *rows], f"Practical limit of {options.system}")
+    show(options, content, [(options.gain or "Gain", ""), *rows], f"Practical limit of {options.system}")
     return 0
 
 
@@ -92,7 +92,7 @@ def _map(options: argparse.Namespace) -> int:
 
     file = read_map(options.file, fmus=options.fmus)
     with Bar("Limits") as bar:
-        found = limit_map(file.system, file.cases, K=file.K, progress=bar.update)
+        found = limit_map(file.system, file.cases, K=file.K, timeout=file.timeout, progress=bar.update)
     if options.plot is not None:
         plot_limit_map(found, options.plot)
     content = {

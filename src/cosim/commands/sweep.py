@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import CosimError
-from .console import Bar, common_arguments, show
+from .console import Bar, common_arguments, print_note, show
 
 
 def add(commands: Any) -> None:
@@ -23,7 +22,9 @@ def add(commands: Any) -> None:
     sweep.add_argument(
         "--output", type=Path, metavar="DIR", help="folder of the data set (default: results/sweeps/NAME)"
     )
-    sweep.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core; 0: this process)")
+    sweep.add_argument(
+        "--workers", type=int, metavar="N", help="processes (default: one a core; 0: this one, unprotected)"
+    )
     sweep.add_argument("--scheduler", metavar="ADDRESS", help="a dask scheduler, such as tcp://host:8786")
     sweep.add_argument("--restart", action="store_true", help="delete the runs that are there and start anew")
     common_arguments(sweep, _sweep)
@@ -38,19 +39,16 @@ def _sweep(options: argparse.Namespace) -> int:
         def advance(progress: sweeps.Progress) -> None:
             bar.update(progress.done, progress.total, f"{progress.failed} failed" if progress.failed else "")
 
-        try:
-            outcome = sweeps.sweep(
-                plan,
-                options.output,
-                workers=options.workers,
-                scheduler=options.scheduler,
-                restart=options.restart,
-                progress=advance,
-            )
-        except OSError as error:
-            raise CosimError(
-                f"the data set cannot be written: {error}. What was written is kept; the same command goes on."
-            ) from None
+        outcome = sweeps.sweep(
+            plan,
+            options.output,
+            workers=options.workers,
+            scheduler=options.scheduler,
+            restart=options.restart,
+            progress=advance,
+        )
+    for note in outcome.notes:
+        print_note(note)
     page = sweeps.report(outcome.folder)
     content: dict[str, Any] = {
         "data": str(outcome.folder / "runs"),

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+import os
+import sys
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from ..errors import DescriptionError
-from ..files import PART, write_file
+from ..files import PART, reason, write_file
 from .plan import Point, Sweep
+
+ABOUT = "sweep.json"
+DAMAGED = ".damaged"
+DIGEST = b"cosim.sweep"
+"""Key of the sweep's digest in the metadata of each Parquet file: rows can be told apart without ``sweep.json``."""
 
 
 @dataclass(frozen=True)
@@ -24,37 +32,68 @@ class Row:
     error: str = ""
 
 
-# The data set
-
-
 class DataSet:
     """A folder of Parquet files that together hold the rows of a sweep, and a description of it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.runs = folder / "runs"
+        self.notes: list[str] = []
+        """What ``open`` found damaged, in sentences."""
+
+    @contextlib.contextmanager
+    def locked(self) -> Generator[None]:
+        """Keep other sweeps away from the folder. Raises DescriptionError if one is at work there."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DescriptionError(f"{self.folder}: cannot be made: {reason(error)}. Name another folder.") from None
+        if sys.platform == "win32":
+            yield
+            return
+        import fcntl
+
+        try:
+            number = os.open(self.folder, os.O_RDONLY)
+        except OSError as error:
+            raise DescriptionError(f"{self.folder}: cannot be read: {reason(error)}. Name another folder.") from None
+        try:
+            # The system drops the lock when the process ends, however it ends. Some file systems have no locks.
+            with contextlib.suppress(OSError):
+                try:
+                    fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    raise DescriptionError(
+                        f"{self.folder}: another sweep is writing there. Wait for its end, or name another folder."
+                    ) from None
+            yield
+        finally:
+            os.close(number)
 
     def open(self, sweep: Sweep, *, restart: bool = False) -> set[int]:
         """Make or take up the data set of ``sweep``; the numbers of the runs it holds.
 
-        Raises DescriptionError if the folder holds another sweep.
+        Files that are damaged are set aside, and their runs are missing. Raises DescriptionError if the folder holds
+        another sweep, FileError.
         """
-        about = self.folder / "sweep.json"
-        if about.is_file():
-            held = json.loads(about.read_text(encoding="utf-8")).get("digest")
-            if restart:
-                for path in self.runs.glob("*"):
-                    path.unlink()
-            elif held != sweep.digest:
-                raise DescriptionError(
-                    f"{self.folder} holds another sweep, or one with other FMUs. Name another folder with --output, "
-                    "or start anew with --restart."
-                )
-        elif self.folder.is_dir() and any(self.folder.iterdir()):
+        if not self.runs.is_dir() and not (self.folder / ABOUT).exists() and any(self.folder.iterdir()):
             raise DescriptionError(f"{self.folder} is not empty and holds no sweep. Name another folder.")
         self.runs.mkdir(parents=True, exist_ok=True)
-        for path in self.runs.glob(f"*{PART}"):
-            path.unlink()
+        for path in self.runs.iterdir():
+            if path.suffix == PART or (restart and path.suffix in (".parquet", DAMAGED)):
+                path.unlink()
+        held = self._digest()
+        for path in sorted(self.runs.glob("*.parquet")):
+            found = self._checked(path)
+            if found is not None and held is None:
+                held = found
+            if found not in (None, "", held):
+                held = ""
+        if not restart and held not in (None, sweep.digest):
+            raise DescriptionError(
+                f"{self.folder} holds another sweep, or one with other FMUs. Name another folder with --output, "
+                "or start anew with --restart."
+            )
         content = {
             "digest": sweep.digest,
             "name": sweep.name,
@@ -66,15 +105,55 @@ class DataSet:
             "units": {path: sweep.system.variable(*path.split(".", 1)).unit or "1" for path in sweep.parameters},
             "runs": len(sweep.points),
         }
-        write_file(about, json.dumps(content, indent=2))
+        write_file(self.folder / ABOUT, json.dumps(content, indent=2))
         return set(self.read().column("run").to_pylist())
+
+    def _digest(self) -> str | None:
+        """The digest in ``sweep.json``; None if that is not there or damaged."""
+        path = self.folder / ABOUT
+        try:
+            return str(self.about()["digest"])
+        except FileNotFoundError:
+            return None
+        except DescriptionError:
+            self.notes.append(f"{path} is damaged and was written anew.")
+            return None
+
+    def about(self) -> Mapping[str, Any]:
+        """The description of the sweep. Raises FileNotFoundError, DescriptionError if it is damaged."""
+        path = self.folder / ABOUT
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if isinstance(content, dict) and {"digest", "name", "method", "parameters", "units", "runs"} <= set(
+                cast("dict[str, Any]", content)
+            ):
+                return cast("dict[str, Any]", content)
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError):
+            pass
+        raise DescriptionError(f"{path} is damaged. The command of the sweep writes it anew.")
+
+    def _checked(self, path: Path) -> str | None:
+        """The digest that a file of rows names, "" if it names none; None for a damaged one, which is set aside."""
+        parquet, broken = _parquet()
+        try:
+            table = parquet.read_table(path)
+            table.column("run")
+        except (OSError, KeyError, broken) as error:
+            aside = path.with_name(path.name + DAMAGED)
+            os.replace(path, aside)
+            text = reason(error) if isinstance(error, OSError) and error.errno else "it is not whole"
+            self.notes.append(f"{path} cannot be read ({text}); it is now {aside.name}, and its runs are done again.")
+            return None
+        metadata = cast("dict[bytes, bytes]", table.schema.metadata or {})
+        return metadata.get(DIGEST, b"").decode()
 
     def write(self, sweep: Sweep, rows: Sequence[Row]) -> None:
         """Add a file with ``rows``, complete or not at all. Raises FileError."""
         import pyarrow
-        from pyarrow import parquet as _parquet
 
-        arrow, parquet = cast(Any, pyarrow), cast(Any, _parquet)
+        arrow = cast(Any, pyarrow)
         names = list(dict.fromkeys(name for row in rows for name in row.figures))
         columns: dict[str, Any] = {"run": arrow.array([row.run for row in rows], arrow.int64())}
         for i, path in enumerate(sweep.parameters):
@@ -85,16 +164,34 @@ class DataSet:
         columns["seconds"] = arrow.array([row.seconds for row in rows], arrow.float64())
         columns["error"] = arrow.array([row.error or None for row in rows], arrow.string())
         buffer = arrow.BufferOutputStream()
-        parquet.write_table(arrow.table(columns), buffer)
+        table = arrow.table(columns).replace_schema_metadata({DIGEST: sweep.digest})
+        _parquet()[0].write_table(table, buffer)
         write_file(self.runs / f"{min(row.run for row in rows):08d}.parquet", buffer.getvalue())
 
     def read(self) -> Any:
-        """All rows as one pyarrow table, in the order of the runs."""
+        """All rows as one pyarrow table, in the order of the runs. Raises DescriptionError for a damaged file."""
         import pyarrow
-        from pyarrow import parquet as _parquet
 
-        arrow, parquet = cast(Any, pyarrow), cast(Any, _parquet)
-        tables = [parquet.read_table(path) for path in sorted(self.runs.glob("*.parquet"))]
+        arrow = cast(Any, pyarrow)
+        parquet, broken = _parquet()
+        tables: list[Any] = []
+        for path in sorted(self.runs.glob("*.parquet")):
+            try:
+                tables.append(parquet.read_table(path))
+            except (OSError, broken):
+                raise DescriptionError(
+                    f"{path} cannot be read: it is not whole. The command of the sweep does its runs again."
+                ) from None
         if not tables:
             return arrow.table({"run": arrow.array([], arrow.int64())})
         return arrow.concat_tables(tables, promote_options="default").sort_by("run")
+
+
+def _parquet() -> tuple[Any, type[Exception]]:
+    """The module for Parquet files, and the exception for one that is damaged."""
+    try:
+        import pyarrow as _pyarrow
+        from pyarrow import parquet as _module
+    except ImportError:
+        raise DescriptionError("the data set of a sweep needs pyarrow: install motion-cosim[tools].") from None
+    return cast(Any, _module), cast(Any, _pyarrow).ArrowException

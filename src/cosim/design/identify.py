@@ -17,17 +17,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ..errors import DescriptionError
 from ..files import write_file
+from ..fmu import tables
 from ..fmu.places import has_ending
 from ..master.simulation import simulate
 from ..result.metrics import Array
 from ..system.system import System, read_system
 from .measured import read_columns
+from .names import nctf_names
 
 NODES = 128
 """Nodes of the NCT in the controllers of this library."""
@@ -90,22 +92,30 @@ def identify_nct(
     *,
     alpha: float | None = None,
     e_lin: float | None = None,
-    position: str = "plant.position",
-    velocity: str | None = "plant.velocity",
-    command: str = "plant.command",
+    position: str | None = None,
+    velocity: str | None = None,
+    command: str | None = None,
+    differentiate: bool = False,
+    timeout: float | None = None,
     fmus: str | Path | None = None,
 ) -> Nct:
     """Identify from a system that drives its plant with a pulse, or from a .csv with columns t, u, x (and v)::
 
         nct = identify_nct("studies/maeda2008/pulse.toml", alpha=505.0)
 
-    ``alpha`` in 1/s or ``e_lin`` in m fixes the linear part. Raises DescriptionError for signals that do not serve.
+    ``alpha`` in 1/s or ``e_lin`` in m fixes the linear part. The signals are INSTANCE.VARIABLE (default: the names of
+    the study); ``differentiate`` takes the velocity from the position. ``timeout`` in s is the limit for an FMI call.
+    Raises DescriptionError for signals that do not serve, SimulationError.
     """
     if isinstance(source, str | Path) and has_ending(source, ".csv"):
         time, drive, place, rate = read_signals(Path(source))
     else:
         system = source if isinstance(source, System) else read_system(source, fmus=fmus)
-        result = simulate(system.changed(record=[name for name in (position, velocity, command) if name is not None]))
+        names = nctf_names()
+        position, command = position or names.position, command or names.command
+        velocity = None if differentiate else velocity or names.velocity
+        recorded = system.changed(record=[name for name in (position, velocity, command) if name is not None])
+        result = simulate(recorded, isolated=True, timeout=timeout)
         time, drive, place = result.time, result[command], result[position]
         rate = None if velocity is None else result[velocity]
     return nct_from_signals(time, drive, place, rate, alpha=alpha, e_lin=e_lin)
@@ -322,25 +332,22 @@ def write_start(
     nct: Nct,
     path: Path,
     *,
-    controller: str = "controller",
+    controller: str | None = None,
     gains: tuple[float, float] | None = None,
     base: str | None = None,
 ) -> None:
-    """Write a system file that gives ``controller`` the NCT (and K_P, K_I); ``base`` is the file it completes."""
+    """Write a system file that gives ``controller`` the NCT (and both gains); ``base`` is the file it completes."""
+    names = nctf_names().controller
+    instance = controller or names.instance
     error, rate = nct.nodes()
-    values: dict[str, Any] = {} if gains is None else {"K_P": gains[0], "K_I": gains[1]}
-    lines = [
-        f"# NCT of {nct.u_r:g} for {nct.t_r:g} s: alpha = {nct.alpha:.6g} 1/s, e_lin = {nct.e_lin:.6g} m, "
-        f"K = {nct.K:.6g} m/s a unit of command.",
-        *([f'base = "{base}"', ""] if base is not None else []),
-        f"[instances.{controller}.start]",
-        *(f"{name} = {value:.10g}" for name, value in values.items()),
-        *(
-            f'"{name}" = [{", ".join(f"{value:.10g}" for value in cast("list[float]", nodes.tolist()))}]'
-            for name, nodes in (("nct.error", error), ("nct.rate", rate))
-        ),
-    ]
-    write_file(path, "\n".join([*lines, ""]))
+    given: dict[str, Any] = {} if gains is None else dict(zip((names.proportional, names.integral), gains, strict=True))
+    given |= {names.nct_error: error.tolist(), names.nct_rate: rate.tolist()}
+    comment = (
+        f"NCT of {nct.u_r:g} for {nct.t_r:g} s: alpha = {nct.alpha:.6g} 1/s, e_lin = {nct.e_lin:.6g} m, "
+        f"K = {nct.K:.6g} m/s a unit of command."
+    )
+    values = {f"{instance}.{name}": value for name, value in given.items()}
+    tables.write_start(path, values, base=base, comment=comment, digits=10)
 
 
 def plot_nct(nct: Nct, path: Path) -> None:

@@ -25,6 +25,7 @@ from ..fmu.places import find_system, has_ending
 from ..master.simulation import Checkpoint, Simulation
 from ..result.metrics import Array
 from ..system.system import System, make_system, read_system
+from .names import nctf_names
 
 MARKOV = 60
 """Samples of the step response from which a controller is realized."""
@@ -163,8 +164,8 @@ def alone(fmu: Path, start: Mapping[str, object]) -> System:
         "instances": {"fmu": {"fmu": str(fmu.resolve()), "start": dict(start)}},
         "experiment": {"stop_time": 1.0, "step_size": 1e-3},
     }
-    if "T_s" in start:
-        document["experiment"] = {"stop_time": start["T_s"], "step_size": start["T_s"]}
+    if (sampling := nctf_names().controller.sampling_time) in start:
+        document["experiment"] = {"stop_time": start[sampling], "step_size": start[sampling]}
     return make_system(document, name=fmu.name, folder=fmu.parent)
 
 

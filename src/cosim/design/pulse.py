@@ -26,25 +26,23 @@ import json
 import math
 import time as clock_time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from threading import Lock, get_ident
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ..errors import DescriptionError
 from ..files import write_file
-from ..master.simulation import Checkpoint, Simulation
-from ..result.metrics import Array, rms
-from ..system.system import System, make_system, read_system
+from ..fmu import tables
+from ..result.metrics import Array
+from ..system.system import System, read_system
+from .names import AxisNames, axis_names
+from .reversals import LEAD_OUT, Axis, AxisRuns, Job, Pulse
 
 ACCELERATIONS = (2e-3, 10e-3, 40e-3, 120e-3)
 """Reverse accelerations at which durations are learned, m/s2; the first and last bound the tables."""
-LEAD_IN, LEAD_OUT = 0.6, 0.5
-"""Seconds before the reversal at which a run starts, and after it within which the error must peak."""
 MONITORED = 2.5
 """Monitoring time over t_c."""
 SHARES = tuple(0.5 + 0.125 * i for i in range(9))
@@ -62,44 +60,6 @@ FINE = 5
 NODES = 60
 RELEARN = 1.5
 """J over its nominal value above which friction counts as changed."""
-
-Pulse = tuple[float, float]
-"""Amplitude in m/s, duration in s."""
-Job = tuple[float, Sequence[Pulse], float]
-"""Reverse acceleration, the pulses to try there, and the seconds to look at."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """Names of one axis in a system; the defaults are those of this library's components."""
-
-    trajectory: str = "trajectory"
-    pulse: str = "pulse"
-    controller: str = "controller"
-    plant: str = "plant"
-    reference: str = "position"
-    """Output of the trajectory."""
-    position: str = "plant.position"
-    """What follows the reference, ROLE.VARIABLE: an output of the plant, or an input of the controller."""
-    friction: str = "friction_torque"
-    """Output of the plant that goes, divided by ``lead``, into ``integral_start`` of the controller."""
-    lead: str = "l_p"
-    """Parameter of the controller: travel a radian."""
-
-    @classmethod
-    def named(cls, suffix: str, *, position: str = "plant.position") -> Axis:
-        """The axis whose instances end in ``_suffix``: trajectory_x, pulse_x ...; ``""`` for plain names."""
-        end = f"_{suffix}" if suffix else ""
-        return cls(f"trajectory{end}", f"pulse{end}", f"controller{end}", f"plant{end}", position=position)
-
-    @property
-    def recorded(self) -> list[str]:
-        """Reference and position, INSTANCE.VARIABLE."""
-        role, _, variable = self.position.partition(".")
-        instances = {"plant": self.plant, "controller": self.controller}
-        if role not in instances:
-            raise DescriptionError(f"position '{self.position}': write plant.VARIABLE or controller.VARIABLE.")
-        return [f"{self.trajectory}.{self.reference}", f"{instances[role]}.{variable}"]
 
 
 @dataclass(frozen=True)
@@ -149,127 +109,6 @@ def log_interpolated(acceleration: float, values: Array) -> float:
     return math.exp(float(np.interp(math.log(acceleration), np.log(ACCELERATIONS), np.log(values))))
 
 
-# The closed loop
-
-
-def axis_system(system: System, axis: Axis) -> System:
-    """The part of a system that is connected with the axis, with the plant's velocity led to its controller."""
-    document = system.document
-    ends = [(c.source[0], c.target[0]) for c in system.connections]
-    members = {axis.pulse}
-    grown = True
-    while grown:
-        more = {name for pair in ends if members & set(pair) for name in pair} - members
-        members |= more
-        grown = bool(more)
-    for name in (axis.trajectory, axis.controller, axis.plant):
-        system.instance(name)
-        if name not in members:
-            raise DescriptionError(f"{system.name}: {name} is not connected with {axis.pulse}.")
-    wires: list[Any] = [
-        {"from": ".".join(c.source), "to": ".".join(c.target), "factor": c.factor, "offset": c.offset}
-        for c in system.connections
-        if c.source[0] in members
-    ]
-    if not any(c.target == (axis.controller, "velocity") for c in system.connections):
-        wires.append(f"{axis.plant}.velocity -> {axis.controller}.velocity")
-    experiment = dict(cast("Mapping[str, Any]", document["experiment"]))
-    if not isinstance(system.order, str):
-        experiment["order"] = [name for name in system.order if name in members]
-    part = {
-        "connections": wires,
-        "experiment": {**experiment, "stop_time": LEAD_IN + 2.0 * LEAD_OUT},
-        "instances": {name: table for name, table in document["instances"].items() if name in members},
-        "record": {"variables": axis.recorded},
-    }
-    return make_system(part, name=system.name, folder=system.folder, fmus=system.fmus)
-
-
-class AxisRuns:
-    """Closed-loop runs of an axis through a reversal; a context manager that keeps one simulation a thread."""
-
-    def __init__(self, system: System, axis: Axis, *, radius: float = 0.05, workers: int = 1) -> None:
-        self.axis = axis
-        self.radius = radius
-        self.system = axis_system(system, axis).changed({f"{axis.pulse}.mode": "fixed", f"{axis.pulse}.A": 0.0})
-        self.T_s = float(self.system.step_size)
-        self.count = 0
-        self._pool = ThreadPoolExecutor(workers)
-        self._simulations: dict[int, Simulation] = {}
-        self._checkpoints: dict[tuple[int, float], Checkpoint] = {}
-        self._lock = Lock()
-
-    def __enter__(self) -> AxisRuns:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._pool.shutdown(cancel_futures=True)
-        for simulation in self._simulations.values():
-            simulation.close()
-
-    def errors(self, jobs: Sequence[Job]) -> list[list[Array]]:
-        """Position errors from the reversal on, one for each pulse of each job."""
-        found = list(self._pool.map(self._errors, jobs))
-        self.count += sum(len(pulses) for _, pulses, _ in jobs)
-        return found
-
-    def costs(self, jobs: Sequence[Job]) -> list[list[float]]:
-        """J of every pulse of every job."""
-        return [[rms(error) for error in errors] for errors in self.errors(jobs)]
-
-    def _errors(self, job: Job) -> list[Array]:
-        acceleration, pulses, seconds = job
-        simulation = self._simulation()
-        checkpoint = self._reversal(simulation, acceleration)
-        # Communication points count: the last one of a whole number of samples.
-        stop = checkpoint.time + max(1, round(seconds / self.T_s)) * self.T_s
-        axis = self.axis
-        found: list[Array] = []
-        for amplitude, duration in pulses:
-            changes = {f"{axis.pulse}.A": amplitude, f"{axis.pulse}.T": duration}
-            result = simulation.resume(checkpoint, changes, stop_time=stop)
-            found.append(result.rows[:, 0] - result.rows[:, 1])
-        return found
-
-    def _simulation(self) -> Simulation:
-        thread = get_ident()
-        with self._lock:
-            if thread not in self._simulations:
-                self._simulations[thread] = Simulation(self.system).__enter__()
-            return self._simulations[thread]
-
-    def _reversal(self, simulation: Simulation, acceleration: float) -> Checkpoint:
-        """The loop at the reversal with this acceleration."""
-        key = get_ident(), acceleration
-        if key not in self._checkpoints:
-            axis = self.axis
-            rate = math.sqrt(acceleration / self.radius)  # rad/s on the circle
-            angle = math.pi - rate * LEAD_IN
-            speed = -self.radius * rate * math.sin(angle)
-            start = {
-                f"{axis.trajectory}.kind": "circle",
-                f"{axis.trajectory}.radius": self.radius,
-                f"{axis.trajectory}.feed": rate * self.radius,
-                f"{axis.trajectory}.phase": angle,
-                f"{axis.trajectory}.offset": 0.0,
-                f"{axis.trajectory}.start_time": 0.0,
-                f"{axis.trajectory}.soft_start": 0.0,
-                f"{axis.trajectory}.turns": 0.0,
-                f"{axis.trajectory}.tangential_acceleration": 0.0,
-                f"{axis.plant}.position_start": self.radius * math.cos(angle),
-                f"{axis.plant}.velocity_start": speed,
-                f"{axis.plant}.bristle_start": 1.0,
-            }
-            system = self.system.changed(start)
-            # What the plant says its friction is at the start belongs into the integrator.
-            begin = simulation.pause(float(system.start_time), system)
-            friction = simulation.value(axis.plant, axis.friction) / simulation.value(axis.controller, axis.lead)
-            simulation.release(begin)
-            system = system.changed({f"{axis.controller}.integral_start": friction})
-            self._checkpoints[key] = simulation.pause(float(system.start_time) + LEAD_IN, system)
-        return self._checkpoints[key]
-
-
 # Learning
 
 
@@ -283,6 +122,7 @@ def learn_friction_pulse(
     alpha: float = 0.1,
     radius: float = 0.05,
     workers: int = 1,
+    timeout: float | None = None,
     fmus: str | Path | None = None,
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> Learned:
@@ -291,16 +131,17 @@ def learn_friction_pulse(
         learned = learn_friction_pulse("studies/feng2015/circle.toml", "x")
         learned.tables.amplitude
 
-    The largest amplitude is ``acceleration_max`` (m/s2) times the rise time of the pulse (default: t_r of the pulse's
-    instance), the smallest of the coarse search ``alpha`` times that. ``workers`` threads share the runs of a stage.
-    ``progress`` is told the stage, runs done and the total.
+    The largest amplitude is ``acceleration_max`` (m/s2) times the rise time of the pulse (default: that of the pulse's
+    instance), the smallest of the coarse search ``alpha`` times that. ``workers`` processes share the runs of a
+    stage; ``timeout`` in s is the limit for a run. ``progress`` is told the stage, runs done and the total.
     """
     axis = Axis.named(axis) if isinstance(axis, str) else axis
     system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
     if rise_time is None:
-        variable = system.variable(axis.pulse, "t_r")
-        rise_time = float(system.instance(axis.pulse).start.get("t_r", variable.start or 0.0))
-    with AxisRuns(system, axis, radius=radius, workers=workers) as runs:
+        name = axis.names.pulse.rise_time
+        variable = system.variable(axis.pulse, name)
+        rise_time = float(system.instance(axis.pulse).start.get(name, variable.start or 0.0))
+    with AxisRuns(system, axis, radius=radius, workers=workers, timeout=timeout) as runs:
         return _learn(runs, acceleration_max * rise_time, alpha, progress)
 
 
@@ -490,15 +331,21 @@ def load(path: Path) -> Learned:
         raise DescriptionError(f"{path}: holds nothing learned: {error}") from None
 
 
-def write_start(learned: Mapping[str, Learned], path: Path, *, base: str | None = None) -> None:
+def write_start(
+    learned: Mapping[str, Learned], path: Path, *, base: str | None = None, names: AxisNames | None = None
+) -> None:
     """Write a system file that gives each pulse instance its tables; ``base`` is the file it completes."""
-    lines = [] if base is None else [f'base = "{base}"', ""]
+    pulse = (names or axis_names()).pulse
+    values: dict[str, Any] = {}
     for instance, result in learned.items():
-        lines += [f"[instances.{instance}.start]", 'mode = "table"']
-        for name, values in vars(result.tables).items():
-            lines.append(f'"table.{name}" = [{", ".join(f"{value:.9g}" for value in values)}]')
-        lines.append("")
-    write_file(path, "\n".join(lines))
+        found = {
+            **pulse.table,
+            pulse.table_acceleration: result.tables.acceleration.tolist(),
+            pulse.table_amplitude: result.tables.amplitude.tolist(),
+            pulse.table_duration: result.tables.duration.tolist(),
+        }
+        values |= {f"{instance}.{name}": value for name, value in found.items()}
+    tables.write_start(path, values, base=base, digits=9)
 
 
 def plot_learned(learned: Mapping[str, Learned], path: Path) -> None:

@@ -20,21 +20,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError
 from ..fmu.places import shipped_file
-from ..fmu.text import read_toml
+from ..fmu.tables import read_table
 from ..master.simulation import Simulation
 from ..result.metrics import Array
 from ..result.result import Result
 from ..system.system import System, read_system
+from .documents import MapData
 from .identify import identify_nct
 from .linearize import StateSpace
+from .names import nctf_names
+from .search import Limit, search_limit
+from .workers import Limit as Timeout
+from .workers import Loadable, Worker, WorkerError
 
 SERIES_BELOW = 0.05
 """alpha*T below which the differences of nearly equal numbers are taken from their series."""
@@ -44,10 +50,6 @@ KEPT = 0.8
 """Share of its size that an oscillation keeps from the third quarter of a run to the last."""
 CROSSINGS = 8
 """Zero crossings of the last quarter that make it an oscillation and not a creep."""
-SCAN = 1.15
-"""Ratio of neighbouring gains while the limit is not yet passed."""
-PRECISION = 1.005
-"""Ratio of the first unstable to the last stable gain at the end of a search."""
 
 
 # Linear
@@ -202,83 +204,67 @@ def oscillation(time: Array, signal: Array, *, swing: float = SWING) -> Oscillat
     return Oscillation(size, frequency, size > swing and size >= KEPT * earlier and crossings >= CROSSINGS)
 
 
-@dataclass(frozen=True)
-class Limit:
-    """Where the gain becomes too large, and what it took to find it."""
-
-    stable: float
-    """Largest gain found stable; NaN if the first was not."""
-    unstable: float
-    """Smallest gain found unstable; NaN if none was up to the end of the scan."""
-    runs: int
-
-    @property
-    def value(self) -> float:
-        """The limit: the geometric mean of both."""
-        return math.sqrt(self.stable * self.unstable)
-
-
-def search_limit(
-    oscillates: Callable[[float], bool], first: float, last: float, *, scan: float = SCAN, precision: float = PRECISION
-) -> Limit:
-    """Scan gains upwards from ``first`` by the ratio ``scan`` to the first that oscillates, then bisect.
-
-    Stability need not be monotone at low gain, so the limit is sought only between the last stable and the first
-    unstable gain of the upward scan.
-    """
-    runs, stable, gain = 0, math.nan, first
-    while gain <= last * (1.0 + 1e-9):
-        runs += 1
-        if oscillates(gain):
-            break
-        stable, gain = gain, gain * scan
-    else:
-        return Limit(stable, math.nan, runs)
-    unstable = gain
-    while math.isfinite(stable) and unstable / stable > precision:
-        middle = math.sqrt(stable * unstable)
-        runs += 1
-        if oscillates(middle):
-            unstable = middle
-        else:
-            stable = middle
-    return Limit(stable, unstable, runs)
-
-
 def practical_limit(
     source: str | Path | System | Simulation,
     overrides: Mapping[str, object] | None = None,
     *,
-    gain: str = "controller.K_P",
-    position: str = "plant.position",
+    gain: str | None = None,
+    position: str | None = None,
     first: float = 300.0,
     last: float = 20000.0,
     swing: float = SWING,
     stop_time: float | str | None = "0.6",
+    timeout: float | None = None,
     fmus: str | Path | None = None,
 ) -> Limit:
     """Largest ``gain`` at which the position of a system comes to rest, from ``first`` up to ``last``::
 
-        limit = practical_limit("studies/maeda2008/step.toml",
-                                {"trajectory.amplitude": 1e-5, "controller.K_I": 0.0})
+        limit = practical_limit("studies/maeda2008/gain.toml", {"trajectory.amplitude": 1e-5})
 
-    ``overrides`` are start values of all runs, ``stop_time`` their end in s (None: the system's). A ``Simulation`` is
-    run as it is, with the FMUs it has loaded.
+    ``overrides`` are start values of all runs, ``stop_time`` their end in s (None: the system's), ``timeout`` the limit
+    for a run in s. Names are INSTANCE.VARIABLE (default: those of the study). A ``Simulation`` is run as it is, with
+    the FMUs it has loaded. Raises DescriptionError, SimulationError, WorkerError for a run that crashes or hangs.
     """
+    names = nctf_names()
+    gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
     if isinstance(source, Simulation):
         variant = source.system.changed(overrides)
-        return search_limit(_oscillates(source, variant, gain=gain, position=position, swing=swing), first, last)
+        simulation = source
+        return search_limit(
+            lambda value: judge(simulation.run(variant.changed({gain: value})), position, swing).sustained, first, last
+        )
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
-    system = system.changed(stop_time=stop_time, record=[position]).changed(overrides)
-    with Simulation(system) as simulation:
-        return search_limit(_oscillates(simulation, system, gain=gain, position=position, swing=swing), first, last)
+    system = system.changed(stop_time=stop_time, record=[position])
+    with Worker() as worker:
+        trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing)
+        return search_limit(trials.oscillates({}), first, last)
 
 
-def _oscillates(
-    simulation: Simulation, system: System, *, gain: str, position: str, swing: float
-) -> Callable[[float], bool]:
-    """Whether a variant of the loaded system oscillates at a gain."""
-    return lambda value: judge(simulation.run(system.changed({gain: value})), position, swing).sustained
+@dataclass(frozen=True)
+class _Trials:
+    """Runs of a system at different gains."""
+
+    system: System
+    worker: Worker
+    limit: Timeout
+    gain: str
+    position: str
+    swing: float
+
+    def oscillates(self, changes: Mapping[str, object]) -> Callable[[float], bool]:
+        """Whether the position oscillates at a gain, with other start values."""
+        loadable, look = Loadable.of(self.system), partial(judge, position=self.position, swing=self.swing)
+        self.system.changed(changes)  # Wrong names are told before the first run.
+
+        def found(value: float) -> bool:
+            try:
+                result = self.worker.evaluate(loadable, {**changes, self.gain: value}, look, self.limit)
+            except WorkerError as error:
+                raise WorkerError(f"{self.system.name} at {self.gain} = {value:g}: {error}") from None
+            self.limit.learn(self.worker.seconds)
+            return result.sustained
+
+        return found
 
 
 def judge(result: Result, position: str, swing: float = SWING) -> Oscillation:
@@ -344,21 +330,28 @@ def limit_map(
     cases: Sequence[Case],
     *,
     K: float,
-    gain: str = "controller.K_P",
-    integral: str = "controller.K_I",
-    sampling: str = "controller.T_s",
-    position: str = "plant.position",
+    gain: str | None = None,
+    integral: str | None = None,
+    sampling: str | None = None,
+    position: str | None = None,
     start_share: float = 0.4,
     swing: float = SWING,
     stop_time: float | str | None = "0.6",
+    timeout: float | None = None,
     fmus: str | Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> LimitMap:
     """Ultimate gain of each case, then its limit of the damping ratio at each W with K_I = omega_n^2/(alpha*K).
 
     ``K`` in m/s a unit of command is that of the gain formulas. The scan of a loop begins at ``start_share`` of the
-    case's ultimate gain. ``progress`` is told how many searches are done.
+    case's ultimate gain. ``progress`` is told how many searches are done. Names, ``timeout`` and errors are as in
+    ``practical_limit``.
     """
+    names = nctf_names()
+    gain = gain or names.of_controller(names.controller.proportional)
+    integral = integral or names.of_controller(names.controller.integral)
+    sampling = sampling or names.of_controller(names.controller.sampling_time)
+    position = position or names.position
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
     name, _, variable = sampling.partition(".")
@@ -367,10 +360,10 @@ def limit_map(
     ultimate: dict[str, float] = {}
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
-    with Simulation(system) as simulation:
+    with Worker() as worker:
+        trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
         for case in cases:
-            variant = system.changed({**case.overrides, integral: 0.0})
-            unstable = _oscillates(simulation, variant, gain=gain, position=position, swing=swing)
+            unstable = trials.oscillates({**case.overrides, integral: 0.0})
             limit = search_limit(unstable, case.first, 1e3 * case.first)
             if not math.isfinite(limit.value):
                 raise DescriptionError(f"case {case.name}: no limit between {case.first:g} and {1e3 * case.first:g}.")
@@ -378,9 +371,8 @@ def limit_map(
             runs += limit.runs
             progress(len(ultimate) + len(points), total)
             for w in case.W:
-                variant = system.changed({**case.overrides, integral: (w / T_s) ** 2 / (case.alpha * K)})
+                unstable = trials.oscillates({**case.overrides, integral: (w / T_s) ** 2 / (case.alpha * K)})
                 first = start_share * limit.value
-                unstable = _oscillates(simulation, variant, gain=gain, position=position, swing=swing)
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
 
@@ -410,6 +402,8 @@ class MapFile:
     system: System
     cases: tuple[Case, ...]
     K: float
+    timeout: float | None = None
+    """Limit for a run, s."""
 
 
 def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
@@ -420,6 +414,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
         alpha = 505.0                        # 1/s, of the gain formulas
         K = 32.3e-3                          # m/s a unit of command
         W = [0.02, 0.1, 0.25, 0.4]           # omega_n*T
+        timeout = 60.0                       # s, limit for a run; optional, as in a sweep file
         pulse = "../pulse.toml"              # identifies the NCT of cases with nct = true
         [overrides]                          # start values of all cases
         "trajectory.amplitude" = 1e-5
@@ -432,39 +427,19 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
     Raises DescriptionError.
     """
     path = shipped_file(path)
-    document = read_toml(path)
-    known = ("system", "description", "alpha", "K", "W", "pulse", "controller", "overrides", "cases")
-    problems = [f"{path.name}: {key}: unknown key.{suggest(key, known)}" for key in document if key not in known]
-    problems += [
-        f"{path.name}: {key}: missing." for key in ("system", "alpha", "K", "W", "cases") if key not in document
-    ]
-    tables = document.get("cases", {})
-    keys = ("W", "alpha", "nct", "first", "overrides")
-    for name, table in tables.items():
-        problems += [
-            f"{path.name}: cases.{name}.{key}: unknown key.{suggest(key, keys)}" for key in table if key not in keys
-        ]
-    if problems:
-        raise DescriptionError(problems)
-    system = read_system(path.parent / document["system"], fmus=fmus)
-    controller = document.get("controller", "controller")
+    data = read_table(path, MapData)
+    system = read_system(path.parent / data.system, fmus=fmus)
+    names = nctf_names().controller
+    controller = data.controller or names.instance
     cases: list[Case] = []
-    for name, table in tables.items():
-        alpha = float(table.get("alpha", document["alpha"]))
-        overrides: dict[str, object] = {**document.get("overrides", {}), **table.get("overrides", {})}
-        if table.get("nct", False):
-            error, rate = identify_nct(path.parent / document["pulse"], alpha=alpha, fmus=fmus).nodes()
-            overrides |= {f"{controller}.nct.error": list(error), f"{controller}.nct.rate": list(rate)}
-        cases.append(
-            Case(
-                name,
-                overrides,
-                [float(W) for W in table.get("W", document["W"])],
-                alpha,
-                float(table.get("first", 300.0)),
-            )
-        )
-    return MapFile(str(document.get("description", "")), system, tuple(cases), float(document["K"]))
+    for name, case in data.cases.items():
+        alpha = case.alpha or data.alpha
+        overrides: dict[str, object] = {**data.overrides, **case.overrides}
+        if case.nct and data.pulse is not None:
+            error, rate = identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).nodes()
+            overrides |= {f"{controller}.{names.nct_error}": list(error), f"{controller}.{names.nct_rate}": list(rate)}
+        cases.append(Case(name, overrides, case.W or data.W, alpha, case.first))
+    return MapFile(data.description, system, tuple(cases), data.K, data.timeout)
 
 
 def plot_limit_map(found: LimitMap, path: Path) -> None:

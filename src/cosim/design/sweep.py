@@ -7,6 +7,7 @@ A sweep file is TOML::
     method = "grid"                    # grid, list, latin or sobol
     count = 64                         # of latin and sobol: how many runs
     seed = 1                           # of latin and sobol
+    timeout = 60.0                     # s, limit for a run; default: 20 times the longest run so far, at least 10 s
 
     [parameters]
     "controller.lambda_" = { from = 50.0, to = 200.0, count = 4 }     # grid: equal steps, both ends included
@@ -25,117 +26,37 @@ hypercube) and sobol spread ``count`` points over the ranges, and over the value
 
 Runs are numbered; the number decides the values. Batches of runs go to workers, which keep the FMUs loaded. What
 comes back is written at once as one more file of the data set, complete or not at all: a sweep that was interrupted
-goes on with the runs that are missing. A run that fails is recorded with its error.
+goes on with the runs that are missing. A run that fails, crashes its process or takes too long is recorded with its
+reason, and is not met again.
 """
 
 from __future__ import annotations
 
-import atexit
-import contextlib
 import math
-import os
 import time as clock_time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
 
-from ..errors import CosimError, DescriptionError
-from ..master.simulation import Simulation
-from ..system.system import System, make_system
+from ..errors import DescriptionError
+from .batch import Job, run_batch
+from .crew import BatchLost, Cluster, Crew, Threads
 from .dataset import DataSet, Row
-from .plan import Metric, Point, Sweep, measure, read_sweep
+from .plan import Sweep, read_sweep
+from .workers import Limit, unload
 
 BATCH_SECONDS = 1.0
-"""Work in one task: long against what a task costs, short against the loss when a worker dies."""
-
+"""Work in one task: long against what a task costs, short against the loss when a sweep is interrupted."""
 
 MAX_BATCH = 500
 
-
 DEATHS = 2
-"""The runs of a batch whose worker died this often are tried one by one; a run that does it again has failed."""
+"""A run that is lost this often, together with the worker of a cluster that did it, has failed."""
 
-
-CONNECT_SECONDS = 10.0
-
-
-# Running, on whichever machine
-
-
-@dataclass(frozen=True)
-class Job:
-    """What a worker needs to know, in plain values."""
-
-    document: Mapping[str, Any]
-    name: str
-    folder: str
-    fmus: str | None
-    digest: str
-    parameters: tuple[str, ...]
-    metrics: tuple[Metric, ...]
-    window: tuple[float, float]
-
-
-def job_of(sweep: Sweep) -> Job:
-    """The part of a sweep that workers get."""
-    system = sweep.system
-    fmus = None if system.fmus is None else str(Path(system.fmus).resolve())
-    folder = str(Path(system.folder).resolve())
-    return Job(system.document, system.name, folder, fmus, system.digest, sweep.parameters, sweep.metrics, sweep.window)
-
-
-_loaded: dict[str, tuple[System, Simulation]] = {}
-"""The simulation of this process, kept from batch to batch."""
-
-
-def _simulation(job: Job) -> tuple[System, Simulation]:
-    found = _loaded.get(job.digest)
-    if found is not None:
-        return found
-    unload()
-    system = make_system(job.document, name=job.name, folder=job.folder, fmus=job.fmus)
-    if system.digest != job.digest:
-        raise DescriptionError(
-            f"{job.name}: this worker finds other FMUs than the sweep was started with. "
-            f"Give all machines the same files below {job.folder}."
-        )
-    _loaded[job.digest] = system, Simulation(system).__enter__()
-    return _loaded[job.digest]
-
-
-def unload() -> None:
-    """Free the FMUs that batches in this process have kept loaded."""
-    for _, simulation in _loaded.values():
-        simulation.close()
-    _loaded.clear()
-
-
-atexit.register(unload)
-
-
-def run_batch(job: Job, numbers: Sequence[int], points: Sequence[Point]) -> list[Row]:
-    """Carry out some runs in this process; a run that fails gives a row with its error.
-
-    Raises DescriptionError if the system as such cannot be run here.
-    """
-    rows: list[Row] = []
-    for number, point in zip(numbers, points, strict=True):
-        system, simulation = _simulation(job)
-        begun = clock_time.perf_counter()
-        found: Mapping[str, float] = {}
-        error = ""
-        try:
-            result = simulation.run(system.changed(dict(zip(job.parameters, point, strict=True))))
-            found = measure(result, job.metrics, job.window)
-        except CosimError as problem:
-            error = str(problem)
-            unload()  # an FMU that failed may not be what it was
-        rows.append(Row(number, point, found, clock_time.perf_counter() - begun, error))
-    return rows
-
-
-# Scheduling
+WATCH_SECONDS = 1.0
+"""How often to look whether the workers are still there."""
 
 
 @dataclass
@@ -174,6 +95,8 @@ class Outcome:
     elapsed: float
     run_seconds: float
     workers: int
+    notes: tuple[str, ...] = ()
+    """What was damaged in the data set, in sentences."""
 
 
 def sweep(
@@ -190,38 +113,49 @@ def sweep(
 
         outcome = sweep("gains.toml", "results/gains", workers=2)
 
-    ``workers`` processes of this machine (default: its cores; 0: this process), or the cluster of the dask scheduler
-    at ``scheduler``. Raises DescriptionError; FileError if the data set cannot be written; KeyboardInterrupt. What was
-    written stays, and the same call goes on from there.
+    ``workers`` processes of this machine (default: its cores), or the cluster of the dask scheduler at ``scheduler``.
+    With 0 the runs are done in this process: an FMU that crashes or hangs takes it along. Raises DescriptionError;
+    FileError if the data set cannot be written; LoadError; ClusterError; KeyboardInterrupt. What was written stays,
+    and the same call goes on from there.
     """
+    if workers is not None and workers < 0:
+        raise DescriptionError(f"workers: {workers} is not a number of processes. Give 1 or more, or 0 for this one.")
     plan = path if isinstance(path, Sweep) else read_sweep(path, fmus=fmus)
     folder = Path(output) if output is not None else Path("results") / "sweeps" / Path(plan.name).stem
     data = DataSet(folder)
-    held = data.open(plan, restart=restart)
-    missing = [number for number in range(len(plan.points)) if number not in held]
-    begun = clock_time.perf_counter()
-    state = Progress(len(plan.points), len(held), begun=begun, before=len(held))
-    used = 1
+    with data.locked():
+        held = data.open(plan, restart=restart)
+        missing = [number for number in range(len(plan.points)) if number not in held]
+        begun = clock_time.perf_counter()
+        state = Progress(len(plan.points), len(held), begun=begun, before=len(held))
+        used = 1
 
-    def keep(rows: Sequence[Row]) -> None:
-        data.write(plan, rows)
-        state.done += len(rows)
-        state.failed += sum(bool(row.error) for row in rows)
-        state.run_seconds += sum(row.seconds for row in rows)
+        def keep(rows: Sequence[Row]) -> None:
+            data.write(plan, rows)
+            state.done += len(rows)
+            state.failed += sum(bool(row.error) for row in rows)
+            state.run_seconds += sum(row.seconds for row in rows if math.isfinite(row.seconds))
+            progress(state)
+
         progress(state)
-
-    progress(state)
-    if missing:
-        if workers == 0 and scheduler is None:
-            _here(plan, missing, keep)
-        else:
-            used = _on_cluster(plan, missing, keep, workers=workers, scheduler=scheduler)
-    table = data.read()
-    failed = (
-        sum(error is not None for error in table.column("error").to_pylist()) if "error" in table.column_names else 0
+        if missing and workers == 0 and scheduler is None:
+            _run_here(plan, missing, keep)
+        elif missing:
+            with Threads(workers) if scheduler is None else Cluster(scheduler) as crew:
+                used = crew.count
+                _run_elsewhere(plan, missing, keep, crew)
+        table = data.read()
+    errors: list[str | None] = table.column("error").to_pylist() if "error" in table.column_names else []
+    return Outcome(
+        folder,
+        table.num_rows,
+        state.done - state.before,
+        sum(error is not None for error in errors),
+        clock_time.perf_counter() - begun,
+        state.run_seconds,
+        used,
+        tuple(data.notes),
     )
-    elapsed = clock_time.perf_counter() - begun
-    return Outcome(folder, table.num_rows, state.done - state.before, failed, elapsed, state.run_seconds, used)
 
 
 class _Batches:
@@ -246,8 +180,8 @@ class _Batches:
         return batch
 
 
-def _here(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[Row]], None]) -> None:
-    job, batches = job_of(plan), _Batches(missing, 1)
+def _run_here(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[Row]], None]) -> None:
+    job, batches = Job.of(plan), _Batches(missing, 1)
     try:
         while batch := batches.next():
             rows = run_batch(job, batch, [plan.points[number] for number in batch])
@@ -257,88 +191,34 @@ def _here(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[Row]], N
         unload()
 
 
-@contextlib.contextmanager
-def _client(workers: int | None, scheduler: str | None) -> Generator[tuple[Any, int]]:
-    """A dask client and its number of worker threads."""
-    try:
-        import dask as _dask
-        import distributed as _distributed
-    except ImportError:
-        raise DescriptionError(
-            "sweeps on several processes need dask.distributed: install motion-cosim[tools], or take --workers 0."
-        ) from None
-    dask, distributed = cast(Any, _dask), cast(Any, _distributed)
-    settings = {"distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.admin.tick.limit": "60s"}
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set(settings))
-        if scheduler is None:
-            count = workers if workers is not None else os.cpu_count() or 1
-            cluster = stack.enter_context(
-                distributed.LocalCluster(
-                    n_workers=count,
-                    threads_per_worker=1,
-                    processes=True,
-                    dashboard_address=None,
-                    silence_logs="CRITICAL",
-                )
-            )
-            client = stack.enter_context(distributed.Client(cluster))
-        else:
+def _run_elsewhere(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[Row]], None], crew: Crew) -> None:
+    """Runs by the workers of ``crew``; each batch is kept as it comes back."""
+    job, batches, limit = Job.of(plan), _Batches(missing, crew.count), Limit(plan.timeout)
+    pending: dict[Future[list[Row]], Sequence[int]] = {}
+    # Which run of a batch made its worker die? Alone it shows.
+    alone: deque[list[int]] = deque()
+    deaths: dict[int, int] = {}
+    while True:
+        while len(pending) < 2 * crew.count and (batch := alone.popleft() if alone else batches.next()):
+            pending[crew.submit(job, batch, [plan.points[number] for number in batch], limit)] = batch
+        if not pending:
+            return
+        done, _ = wait(pending, timeout=WATCH_SECONDS, return_when=FIRST_COMPLETED)
+        for future in done:
+            batch = pending.pop(future)
             try:
-                client = stack.enter_context(distributed.Client(scheduler, timeout=CONNECT_SECONDS))
-            except (OSError, TimeoutError, ValueError) as error:
-                raise DescriptionError(f"no dask scheduler at {scheduler}: {error}") from None
-            count = sum(client.nthreads().values())
-            if not count:
-                raise DescriptionError(f"the dask scheduler at {scheduler} has no workers. Start some: dask worker.")
-        yield client, count
-
-
-def _on_cluster(
-    plan: Sweep,
-    missing: Sequence[int],
-    keep: Callable[[Sequence[Row]], None],
-    *,
-    workers: int | None,
-    scheduler: str | None,
-) -> int:
-    """Runs on dask workers; each batch is kept as it comes back."""
-    job = job_of(plan)
-    with _client(workers, scheduler) as (client, count):
-        from distributed import as_completed as _as_completed
-        from distributed.scheduler import KilledWorker as _KilledWorker
-
-        as_completed, killed = cast(Any, _as_completed), cast(Any, _KilledWorker)
-        batches = _Batches(missing, count)
-        sent: dict[str, Sequence[int]] = {}
-
-        def submit(batch: Sequence[int]) -> Any:
-            points = [plan.points[number] for number in batch]
-            future = client.submit(run_batch, job, list(batch), points, pure=False)
-            sent[future.key] = batch
-            return future
-
-        suspects: list[int] = []
-        waiting = as_completed([submit(batch) for _ in range(2 * count) if (batch := batches.next())])
-        for future in waiting:
-            batch = sent.pop(future.key)
-            try:
-                rows = cast("list[Row]", future.result())
-            except killed:
-                suspects += batch
+                rows = crew.rows(future)
+            except BatchLost as lost:
+                for number in batch:
+                    deaths[number] = deaths.get(number, 0) + (len(batch) == 1)
+                    if deaths[number] < DEATHS:
+                        alone.append([number])
+                    else:
+                        keep([Row(number, plan.points[number], {}, math.nan, str(lost))])
             else:
                 batches.learn(rows)
                 keep(rows)
-            if following := batches.next():
-                waiting.add(submit(following))
-        # Which run of a batch, or of another batch waiting at the same worker, killed it? Alone it shows.
-        for number in suspects:
-            try:
-                keep(cast("list[Row]", submit([number]).result()))
-            except killed:
-                text = f"the worker process died in this run, {DEATHS} times"
-                keep([Row(number, plan.points[number], {}, math.nan, text)])
-    return count
+        crew.check()
 
 
 # Report

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -31,11 +30,12 @@ SHOWN = 10
 
 def write_report(folder: Path) -> Path:
     """Write ``report.md`` and one picture a figure into the folder of a data set; the path of the report."""
-    about_file = folder / "sweep.json"
-    if not about_file.is_file():
-        raise DescriptionError(f"{folder} holds no sweep.")
-    about: Mapping[str, Any] = json.loads(about_file.read_text(encoding="utf-8"))
-    table = DataSet(folder).read()
+    data = DataSet(folder)
+    try:
+        about = data.about()
+    except FileNotFoundError:
+        raise DescriptionError(f"{folder} holds no sweep.") from None
+    table = data.read()
     if not table.num_rows:
         raise DescriptionError(f"{folder} holds no run yet.")
     columns: dict[str, list[Any]] = table.to_pydict()

@@ -5,6 +5,7 @@ A tuning file is TOML::
     system = "step.toml"                       # a system file, relative to this file
     objective = "error_rms"                    # one of the metrics
     generations = 30                           # optional, as are population (15 a parameter) and seed (1)
+    timeout = 60.0                             # s, limit for a run; optional, as in a sweep file
 
     [parameters]
     "controller.K_P" = { from = 100.0, to = 2000.0, log = true }
@@ -19,7 +20,7 @@ A tuning file is TOML::
 
 Differential evolution (Storn & Price 1997) looks for the least objective. Points are compared by Deb's rules: one
 that keeps all limits beats one that does not, of two that do not the one with the smaller sum of relative excesses
-wins, so limits need no weights. A run that fails keeps no limit.
+wins, so limits need no weights. A run that fails, crashes or takes too long keeps no limit.
 """
 
 from __future__ import annotations
@@ -28,19 +29,22 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from threading import Lock, get_ident
 from typing import Any, cast
 
 import numpy as np
 
 from ..errors import CosimError, DescriptionError, suggest
-from ..files import write_file
+from ..fmu import tables
 from ..fmu.places import shipped_file
+from ..fmu.tables import checked
 from ..fmu.text import read_toml
-from ..master.simulation import Simulation
 from ..result.metrics import Array
-from .plan import Range, Sweep, make_sweep, measure, read_range
+from ..system.system import System
+from .documents import RangeData, TuningData
+from .plan import Metric, check_values, figures_of, measure, recording, system_of, variable_of
+from .workers import Limit, Loadable, LoadError, Workers
 
 WORST = 1e6
 """Excess of a run that failed."""
@@ -50,14 +54,19 @@ WORST = 1e6
 class Tuning:
     """A checked tuning."""
 
-    plan: Sweep
-    """System, metrics and window; its points are the middle of the ranges."""
-    ranges: tuple[Range, ...]
+    system: System
+    parameters: tuple[str, ...]
+    ranges: tuple[RangeData, ...]
+    """Of the parameters."""
+    metrics: tuple[Metric, ...]
+    window: tuple[float, float]
     objective: str
     limits: Mapping[str, float]
     generations: int
     population: int
     seed: int
+    timeout: float | None = None
+    """Limit for a run in s; None if it follows from the runs measured."""
 
 
 @dataclass(frozen=True)
@@ -85,72 +94,67 @@ class Tuned:
 
 
 def read_tuning(path: str | Path, *, fmus: str | Path | None = None) -> Tuning:
-    """Read and check a tuning file. Raises DescriptionError."""
+    """Read and check a tuning file. Raises DescriptionError with every problem found."""
     path = shipped_file(path)
-    document = read_toml(path)
-    return make_tuning(document, name=path.name, folder=path.parent, fmus=fmus)
+    return make_tuning(read_toml(path), name=path.name, folder=path.parent, fmus=fmus)
 
 
 def make_tuning(
     document: Mapping[str, Any], *, name: str = "tuning", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> Tuning:
     """Check a tuning given as nested tables, as a tuning file holds them."""
-    own = ("objective", "limits", "generations", "population", "seed")
-    shared_keys = ("system", "description", "parameters", "experiment", "metrics")
-    parameters = dict(cast("Mapping[str, Any]", document.get("parameters", {})))
-    ranges: list[Range] = []
-    known_keys = (*shared_keys, *own)
-    problems = [f"{name}: {key}: unknown key.{suggest(key, known_keys)}" for key in document if key not in known_keys]
-    for path, given in parameters.items():
-        try:
-            ranges.append(read_range(path, cast("Mapping[str, Any]", given if isinstance(given, Mapping) else {})))
-        except DescriptionError as error:
-            problems += [f"{name}: {problem}" for problem in error.problems]
-    if problems:
+    data, problems = checked(document, TuningData, name)
+    if data is None:
         raise DescriptionError(problems)
-    shared = {key: value for key, value in document.items() if key in shared_keys}
-    middles = {path: [reach.at(0.5)] for path, reach in zip(parameters, ranges, strict=True)}
-    # The ends, too, must be values that the variables take.
-    for share in (0.0, 1.0):
-        ends = {path: [reach.at(share)] for path, reach in zip(parameters, ranges, strict=True)}
-        make_sweep({**shared, "parameters": ends}, name=name, folder=folder, fmus=fmus)
-    plan = make_sweep({**shared, "parameters": middles}, name=name, folder=folder, fmus=fmus)
-    known = [metric.name for metric in plan.metrics]
-    limits = {key: float(value) for key, value in dict(document.get("limits", {})).items()}
-    objective = document.get("objective")
-    if not isinstance(objective, str):
-        raise DescriptionError(f'{name}: objective: missing. Name a metric: objective = "error_rms".')
-    for metric in (objective, *limits):
+    system = system_of(data, folder, fmus, problems)
+    ranges = tuple(data.parameters.values())
+    try:
+        variables = {path: variable_of(system, path) for path in data.parameters}
+        # The ends, too, must be values that the variables take.
+        check_values(variables, [tuple(reach.at(share) for reach in ranges) for share in (0.0, 0.5, 1.0)])
+    except DescriptionError as error:
+        problems += [f"{name}: {problem}" for problem in error.problems]
+    wanted, window, found = figures_of(data, system)
+    problems += [f"{name}: {problem}" for problem in found]
+    known = [metric.name for metric in wanted]
+    for key, metric in (("objective", data.objective), *((f"limits.{limit}", limit) for limit in data.limits)):
         if known and metric not in known:
-            problems.append(f"{name}: '{metric}' is no metric.{suggest(metric, known)}")
-    counts: dict[str, int] = {}
-    for key, default in (("generations", 30), ("population", 15), ("seed", 1)):
-        value = document.get(key, default)
-        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-            problems.append(f"{name}: {key}: {value} is not a count of at least 1.")
-        else:
-            counts[key] = value
+            problems.append(f"{name}: {key}: '{metric}' is no metric.{suggest(metric, known)}")
     if problems:
         raise DescriptionError(problems)
-    return Tuning(plan, tuple(ranges), objective, limits, **counts)
+    return Tuning(
+        recording(system, wanted),
+        tuple(data.parameters),
+        ranges,
+        wanted,
+        window,
+        data.objective,
+        data.limits,
+        data.generations,
+        data.population,
+        data.seed,
+        data.timeout,
+    )
 
 
 class _Evaluator:
-    """Runs of the system at points of the unit cube, by several threads, each with its own simulation."""
+    """Runs of the system at points of the unit cube, by several workers."""
 
     def __init__(self, tuning: Tuning, workers: int, progress: Callable[[int, Trial | None], None]) -> None:
         self.tuning = tuning
         self.trials: list[Trial] = []
         self.best: Trial | None = None
         self.progress = progress
+        self._system = Loadable.of(tuning.system)
+        self._judge = partial(measure, wanted=tuning.metrics, window=tuning.window)
+        self._limit = Limit(tuning.timeout)
+        self._workers = Workers()
         self._pool = ThreadPoolExecutor(workers)
-        self._simulations: dict[int, Simulation] = {}
-        self._lock = Lock()
 
     def close(self) -> None:
-        self._pool.shutdown(cancel_futures=True)
-        for simulation in self._simulations.values():
-            simulation.close()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._workers.stop()
+        self._pool.shutdown()
 
     def scores(self, shares: Array) -> Array:
         """Objective and excess, shape (2, points), of points given as columns (scipy's vectorized form)."""
@@ -166,13 +170,15 @@ class _Evaluator:
         """One run; shares of the ranges."""
         tuning = self.tuning
         values = tuple(reach.at(float(share)) for reach, share in zip(tuning.ranges, shares, strict=True))
-        simulation = self._simulation()
+        changes = dict(zip(tuning.parameters, values, strict=True))
+        worker = self._workers.mine()
         try:
-            system = tuning.plan.system.changed(dict(zip(tuning.plan.parameters, values, strict=True)))
-            figures = measure(simulation.run(system), tuning.plan.metrics, tuning.plan.window)
+            figures = worker.evaluate(self._system, changes, self._judge, self._limit)
+        except LoadError:
+            raise
         except CosimError as error:
-            self._discard()
             return Trial(values, {}, WORST, str(error))
+        self._limit.learn(worker.seconds)
         missing = [name for name in (tuning.objective, *tuning.limits) if name not in figures]
         if missing:
             raise DescriptionError(f"'{missing[0]}' is no metric of this system.{suggest(missing[0], figures)}")
@@ -183,23 +189,6 @@ class _Evaluator:
         if not math.isfinite(figures[tuning.objective]):
             excess += WORST
         return Trial(values, figures, min(excess, WORST))
-
-    def _simulation(self) -> Simulation:
-        thread = get_ident()
-        with self._lock:
-            found = self._simulations.get(thread)
-        if found is None:
-            found = Simulation(self.tuning.plan.system).__enter__()
-            with self._lock:
-                self._simulations[thread] = found
-        return found
-
-    def _discard(self) -> None:
-        """Free the simulation of this thread: an FMU that failed may not be what it was."""
-        with self._lock:
-            failed = self._simulations.pop(get_ident(), None)
-        if failed is not None:
-            failed.close()
 
 
 def _key(trial: Trial, tuning: Tuning) -> tuple[float, float]:
@@ -219,7 +208,7 @@ def tune(
         tuned = tune("gains.toml", workers=2)
         tuned.parameters, tuned.best.figures
 
-    ``workers`` threads evaluate a generation side by side; the result does not depend on them. ``progress`` is told
+    ``workers`` processes evaluate a generation side by side; the result does not depend on them. ``progress`` is told
     the number of runs and the best so far. Raises DescriptionError.
     """
     from scipy import optimize as _optimize
@@ -256,18 +245,11 @@ def tune(
     if best is None or best.excess >= WORST:
         errors = [trial.error for trial in evaluator.trials if trial.error]
         raise DescriptionError(f"no run of {len(evaluator.trials)} succeeded. " + (errors[0] if errors else ""))
-    parameters = dict(zip(tuning.plan.parameters, best.values, strict=True))
+    parameters = dict(zip(tuning.parameters, best.values, strict=True))
     trials = tuple(evaluator.trials)
     return Tuned(parameters, best, best.excess == 0.0, trials, int(found.nit), str(found.message))
 
 
 def write_start(tuned: Tuned, path: Path, *, base: str | None = None) -> None:
-    """Write a system file with the values found; ``base`` is the file it completes."""
-    lines = [] if base is None else [f'base = "{base}"', ""]
-    instances: dict[str, list[str]] = {}
-    for name, value in tuned.parameters.items():
-        instance, _, variable = name.partition(".")
-        instances.setdefault(instance, []).append(f'"{variable}" = {value:.12g}')
-    for instance, values in instances.items():
-        lines += [f"[instances.{instance}.start]", *values, ""]
-    write_file(path, "\n".join(lines))
+    """Write a system file with the values found; ``base`` is the file it completes. Raises FileError."""
+    tables.write_start(path, tuned.parameters, base=base)

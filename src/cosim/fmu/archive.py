@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import stat
 import zipfile
-from collections.abc import Callable, Collection, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from ..errors import DescriptionError
@@ -20,8 +21,15 @@ MAX_MEMBER_BYTES = 512 * 2**20
 MAX_TOTAL_BYTES = 2**30
 
 
-def checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
-    """The members of an archive, none of which can write outside its folder or fill the disk."""
+Choice = Callable[[str], bool]
+"""Whether a member of that name is meant."""
+
+
+def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True) -> list[zipfile.ZipInfo]:
+    """The members of an archive, none of which can write outside its folder or fill the disk.
+
+    Raises DescriptionError, also if members of one name that must be ``single`` differ.
+    """
     members = archive.infolist()
     source = Path(str(archive.filename)).name
     problems: list[str] = []
@@ -36,8 +44,8 @@ def checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
             problems.append(f"{said} points outside the archive. Refused.")
         elif stat.S_ISLNK(member.external_attr >> 16):
             problems.append(f"{said} is a symbolic link. Refused.")
-        elif name in seen:
-            problems.append(f"{said} is there twice. Refused.")
+        elif name in seen and single(name) and _differ(name, members):
+            problems.append(f"{said} is there twice, with different content. Refused.")
         if member.flag_bits & 1:
             problems.append(f"{said} is encrypted. Refused.")
         if member.file_size > MAX_MEMBER_BYTES:
@@ -60,12 +68,24 @@ def checked_members(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     return members
 
 
-def unpack(archive: zipfile.ZipFile, folder: Path, needed: Callable[[str], bool] = lambda name: True) -> None:
+def repeated(members: Sequence[zipfile.ZipInfo]) -> list[str]:
+    """Names that files of different content have in an archive. The last of them is the one that is unpacked."""
+    counts = Counter(member.filename for member in members if not member.is_dir())
+    return [name for name, count in counts.items() if count > 1 and _differ(name, members)]
+
+
+def _differ(name: str, members: Iterable[zipfile.ZipInfo]) -> bool:
+    return len({(member.CRC, member.file_size) for member in members if member.orig_filename == name}) > 1
+
+
+def unpack(
+    archive: zipfile.ZipFile, folder: Path, needed: Choice = lambda name: True, single: Choice = lambda name: True
+) -> None:
     """Write the members whose names are ``needed`` into ``folder``.
 
     Raises DescriptionError if a member is refused, or if the folder cannot take them: a disk is full, for example.
     """
-    for member in checked_members(archive):
+    for member in checked_members(archive, single):
         if not needed(member.filename):
             continue
         target = folder.joinpath(*PurePosixPath(member.filename).parts)

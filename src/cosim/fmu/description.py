@@ -17,70 +17,22 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path, PurePosixPath
 from platform import machine
 from types import MappingProxyType
-from typing import Any, Literal, cast
+from typing import Any
 
 from ..errors import DescriptionError
-from ..files import temporary_folder
 from ..units import Unit, resolve_unit
-from .archive import checked_members, unpack
-
-fmi: Any = import_module("fmpy.model_description")
-
-
-Type = Literal["Real", "Integer", "Boolean", "String", "Enumeration"]
-
-
-Value = float | int | bool | str
-
+from .archive import checked_members, repeated, unpack
+from .reading import read_description
+from .variables import Variable, read_dependencies, read_variables
 
 MAX_DESCRIPTION_BYTES = 64 * 2**20
 
 
 ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:\s*,\s*\d+)*)\]")
 """Name of an element of an array: ``a[1]``, or ``a[1,2]`` of an array of two dimensions."""
-
-
-@dataclass(frozen=True)
-class DisplayUnit:
-    """``value in this unit = factor * value + offset``."""
-
-    name: str
-    factor: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A scalar variable of an FMU, in the words of FMI 2.0."""
-
-    name: str
-    reference: int
-    type: Type
-    causality: str
-    variability: str
-    initial: str | None
-    unit: str | None
-    display_unit: DisplayUnit | None
-    start: Value | None
-    start_text: str | None
-    min: float | None
-    max: float | None
-    text: str
-    items: Mapping[str, int]
-    """Names and values of an Enumeration, empty for other types."""
-    derivative_of: str | None = None
-    """The state whose time derivative this is."""
-
-    @property
-    def settable(self) -> bool:
-        """Whether a start value may be given before initialization."""
-        if self.causality in ("parameter", "input"):
-            return True
-        return self.variability != "constant" and self.initial in ("exact", "approx")
 
 
 @dataclass(frozen=True)
@@ -102,9 +54,11 @@ class Array:
 
 @dataclass(frozen=True)
 class Fmu:
-    """An FMI 2.0 co-simulation FMU as its file describes it."""
+    """An FMU as its file describes it."""
 
     path: Path
+    fmi: int
+    """Major version of FMI: 2 or 3; 1 for an FMU that is only shown."""
     name: str
     identifier: str
     guid: str
@@ -129,6 +83,10 @@ class Fmu:
     platforms: tuple[str, ...]
     library: str | None
     """The archive member to load on this machine, None if there is none."""
+    obstacles: tuple[str, ...] = ()
+    """Why the FMU cannot run here; none if it can."""
+    findings: tuple[str, ...] = ()
+    """Rules that the file breaks, though it can be read."""
     once_per_process: bool = False
     needs_tool: bool = False
     """Whether the tool that made the FMU must be installed to run it."""
@@ -154,17 +112,22 @@ class Fmu:
         Raises DescriptionError if the archive is hostile or has changed since it was read, or if ``folder`` is full.
         """
         if self.library is None:
-            raise DescriptionError(f"{self.path.name}: {_no_binary(self)}")
+            raise DescriptionError([f"{self.path.name}: {obstacle}" for obstacle in self.obstacles])
         if _stamp(self.path) != self._stamp:
             raise DescriptionError(f"{self.path} changed after it was read. Read the system again.")
         binaries = str(PurePosixPath(self.library).parent) + "/"
         with zipfile.ZipFile(self.path) as archive:
-            unpack(archive, folder, lambda name: name.startswith((binaries, "resources/")))
+            unpack(archive, folder, lambda name: name.startswith((binaries, "resources/")), _single)
+        # FMUs are told where it is, and some look there even if they brought nothing.
+        (folder / "resources").mkdir(exist_ok=True)
         return folder.joinpath(*PurePosixPath(self.library).parts)
 
 
 def read_fmu(path: Path) -> Fmu:
-    """Read and check the FMU at ``path``. Raises DescriptionError with every problem of the file."""
+    """Read the FMU at ``path``, of any version of FMI. Raises DescriptionError for a file that is no readable FMU.
+
+    What only keeps it from running is in ``obstacles``; broken rules that do not matter are in ``findings``.
+    """
     try:
         return _read(path.resolve(), _stamp(path))
     except FileNotFoundError:
@@ -184,17 +147,9 @@ def platform_folders() -> tuple[str, ...]:
     return ("linux64", "x86_64-linux") if x86 else ("aarch64-linux",) if arm else (f"{machine()}-linux",)
 
 
-def missing_binary(fmu: Fmu) -> str | None:
-    """What to say if this machine cannot run ``fmu``."""
-    return None if fmu.library is not None else _no_binary(fmu)
-
-
-def _no_binary(fmu: Fmu) -> str:
-    have = ", ".join(fmu.platforms) or "none"
-    return (
-        f"no binary for this platform ({platform_folders()[0]}); the FMU has: {have}. "
-        "Build it for this platform, or run it on one of those."
-    )
+def _single(name: str) -> bool:
+    """Whether one content only may have this name in an FMU: what it describes, and what runs."""
+    return name == "modelDescription.xml" or name.startswith("binaries/")
 
 
 def _stamp(path: Path) -> tuple[int, int]:
@@ -209,8 +164,12 @@ def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
     content = path.read_bytes()
     try:
         with zipfile.ZipFile(path) as archive:
-            members = checked_members(archive)
+            members = checked_members(archive, _single)
             names = [member.filename for member in members]
+            findings = [
+                f"'{name}' is in the archive more than once, with different content. The last counts."
+                for name in repeated(members)
+            ]
             if "modelDescription.xml" not in names:
                 raise DescriptionError(f"{path.name}: no modelDescription.xml inside. This is not an FMU.")
             member = archive.getinfo("modelDescription.xml")
@@ -227,55 +186,32 @@ def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
         raise DescriptionError(
             f"{path.name}: not a readable zip archive ({error}). Build or download the FMU again."
         ) from None
-    return _describe(path, stamp, hashlib.sha256(content).hexdigest(), xml, names)
+    return _describe(path, stamp, hashlib.sha256(content).hexdigest(), xml, names, findings)
 
 
-def _parse(path: Path, xml: bytes) -> Any:
-    """FMPy's ModelDescription of ``xml``, validated against the schema and FMPy's further rules."""
-    said = f"{path.name}: modelDescription.xml"
-    with temporary_folder() as folder:
-        file = folder / "modelDescription.xml"
-        file.write_bytes(xml)
-        try:
-            return fmi.read_model_description(str(file), validate=True)
-        except fmi.ValidationError as error:
-            raise DescriptionError([f"{said}: {problem}" for problem in error.problems]) from None
-        except (AttributeError, KeyError, IndexError, TypeError):
-            raise DescriptionError(f"{said}: this is not an FMI 2.0 description.") from None
-        except Exception as error:
-            # FMPy raises bare exceptions, and lxml its own, for whatever a damaged file holds.
-            text = str(error).replace(str(file), "modelDescription.xml").strip() or type(error).__name__
-            raise DescriptionError(f"{said}: cannot be read: {text}") from None
-
-
-def _describe(path: Path, stamp: tuple[int, int], digest: str, xml: bytes, names: list[str]) -> Fmu:
-    model = _parse(path, xml)
-    if model.fmiVersion != "2.0":
-        raise DescriptionError(
-            f"{path.name}: FMI {model.fmiVersion}. Only FMI 2.0 is read here: take an FMU of that version "
-            "(cosim verify replays FMI 3.0, too)."
-        )
-    if model.coSimulation is None:
-        raise DescriptionError(f"{path.name}: only for model exchange. Export it for co-simulation.")
-    identifier = str(model.coSimulation.modelIdentifier)
-    if not re.fullmatch(r"\w+", identifier):
-        raise DescriptionError(f"{path.name}: modelIdentifier {identifier!r} is not a C identifier.")
-    units = {unit.name: unit for unit in model.unitDefinitions}
-    variables = {v.name: _variable(path, v, units) for v in model.modelVariables if v.causality != "independent"}
-    inputs = tuple(v.name for v in variables.values() if v.causality == "input")
-    dependencies = {name: inputs for name, v in variables.items() if v.causality == "output"}
-    for unknown in model.outputs:
-        if unknown.dependencies is not None:
-            needed = {known.name for known in unknown.dependencies}
-            dependencies[unknown.variable.name] = tuple(name for name in inputs if name in needed)
-    folders = {
-        parts[1] for parts in (PurePosixPath(n).parts for n in names) if len(parts) > 2 and parts[0] == "binaries"
-    }
+def _describe(  # noqa: PLR0917
+    path: Path, stamp: tuple[int, int], digest: str, xml: bytes, names: list[str], findings: list[str]
+) -> Fmu:
+    model, more = read_description(path.name, xml)
+    findings = [*findings, *more]
+    version = int(model.fmiMajorVersion)
+    interface = model.coSimulation or model.modelExchange or model.scheduledExecution
+    identifier = "" if interface is None else str(interface.modelIdentifier)
+    if not re.fullmatch(r"[A-Za-z_]\w*", identifier, re.ASCII):
+        findings.append(f"modelIdentifier {identifier!r} is not a C identifier.")
+    variables = read_variables(model, findings)
     extension = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-    candidates = [f"binaries/{folder}/{identifier}{extension}" for folder in platform_folders()]
-    experiment = model.defaultExperiment
+    folders = [folder for folder in platform_folders() if version < 3 or "-" in folder]
+    candidates = [f"binaries/{folder}/{identifier}{extension}" for folder in folders]
+    library = next((name for name in candidates if name in names), None)
+    obstacles = _obstacles(model, version)
+    if library is None and not obstacles:
+        obstacles = [_no_binary(folders, identifier, extension, names)]
+    units = {unit.name: unit for unit in model.unitDefinitions}
+    times = {name: _time(model.defaultExperiment, name, findings) for name in TIMES}
     return Fmu(
         path=path,
+        fmi=version,
         name=str(model.modelName),
         identifier=identifier,
         guid=str(model.guid),
@@ -284,19 +220,76 @@ def _describe(path: Path, stamp: tuple[int, int], digest: str, xml: bytes, names
         tool=str(model.generationTool or ""),
         digest=digest,
         variables=MappingProxyType(variables),
-        dependencies=MappingProxyType(dependencies),
+        dependencies=MappingProxyType(read_dependencies(model, variables)),
         arrays=MappingProxyType(_arrays(variables)),
         base_units=MappingProxyType({n: _base_unit(u.baseUnit) for n, u in units.items() if u.baseUnit is not None}),
         log_categories=tuple(str(category.name) for category in model.logCategories),
-        start_time=_float(experiment.startTime) if experiment else None,
-        stop_time=_float(experiment.stopTime) if experiment else None,
-        step_size=_float(experiment.stepSize) if experiment else None,
-        tolerance=_float(experiment.tolerance) if experiment else None,
-        platforms=tuple(sorted(folders)),
-        library=next((name for name in candidates if name in names), None),
-        once_per_process=bool(model.coSimulation.canBeInstantiatedOnlyOncePerProcess),
-        needs_tool=bool(model.coSimulation.needsExecutionTool),
+        start_time=times["startTime"],
+        stop_time=times["stopTime"],
+        step_size=times["stepSize"],
+        tolerance=times["tolerance"],
+        platforms=_platforms(names),
+        library=library,
+        obstacles=tuple(obstacles),
+        findings=tuple(findings),
+        once_per_process=bool(interface is not None and interface.canBeInstantiatedOnlyOncePerProcess),
+        needs_tool=bool(interface is not None and interface.needsExecutionTool),
         _stamp=stamp,
+    )
+
+
+TIMES = ("startTime", "stopTime", "stepSize", "tolerance")
+
+
+def _time(experiment: Any, name: str, findings: list[str]) -> float | None:
+    """A number of DefaultExperiment."""
+    text = None if experiment is None else getattr(experiment, name)
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        findings.append(f"DefaultExperiment: {name} is '{text}', which is no number. Left out.")
+        return None
+
+
+def _obstacles(model: Any, version: int) -> list[str]:
+    """Why an FMU cannot run here, whatever the machine."""
+    if version not in (2, 3):
+        return [f"FMI {model.fmiVersion}. FMUs of FMI 2.0 and 3.0 run here: take one of these."]
+    if model.coSimulation is None and model.modelExchange is None and model.scheduledExecution is not None:
+        return [
+            "only for scheduled execution, which needs an importer that runs its clocks. Export it for co-simulation."
+        ]
+    if model.coSimulation is None:
+        return ["only for model exchange. Export it for co-simulation."]
+    clocks = [v.name for v in model.modelVariables if v.type == "Clock"]
+    if clocks:
+        shown = ", ".join(clocks[:5]) + (" ..." if len(clocks) > 5 else "")
+        return [f"its model has clocks ({shown}), which no one ticks here. Export it without clocks."]
+    return []
+
+
+def _platforms(names: Iterable[str]) -> tuple[str, ...]:
+    parts = (PurePosixPath(name).parts for name in names)
+    return tuple(sorted({part[1] for part in parts if len(part) > 2 and part[0] == "binaries"}))
+
+
+def _no_binary(folders: list[str], identifier: str, extension: str, names: list[str]) -> str:
+    """What to say if this machine cannot run an FMU."""
+    others = [
+        name
+        for folder in folders
+        for name in names
+        if PurePosixPath(name).parent == PurePosixPath("binaries", folder) and name.endswith(extension)
+    ]
+    if others:
+        return (
+            f"the binary for this platform is {' or '.join(others)}, but by the modelIdentifier it must be called "
+            f"{identifier}{extension}. Rename one of them, or export the FMU again."
+        )
+    have = ", ".join(_platforms(names)) or "none"
+    return (
+        f"no binary for this platform ({folders[0]}); the FMU has: {have}. "
+        "Build it for this platform, or run it on one of those."
     )
 
 
@@ -320,57 +313,6 @@ def _array(elements: Mapping[tuple[int, ...], str]) -> Array:
     if math.prod(shape) != len(indices):
         return Array(ordered, (), ())
     return Array(ordered, tuple(low for low, _ in ranges), shape)
-
-
-def _variable(path: Path, v: Any, units: Mapping[str, Any]) -> Variable:
-    declared = v.declaredType
-
-    def of(attribute: str) -> Any:
-        own = getattr(v, attribute)
-        return own if own is not None or declared is None else getattr(declared, attribute)
-
-    unit = cast("str | None", of("unit")) if v.type == "Real" else None
-    display = cast("str | None", of("displayUnit")) if v.type == "Real" else None
-    shown: DisplayUnit | None = None
-    if display is not None and unit is not None and unit in units:
-        for candidate in units[unit].displayUnits:
-            if candidate.name == display:
-                shown = DisplayUnit(display, float(candidate.factor), float(candidate.offset))
-    items = {item.name: int(item.value) for item in declared.items} if v.type == "Enumeration" and declared else {}
-    try:
-        start = _start(v.type, v.start)
-        low, high = _float(of("min")), _float(of("max"))
-    except ValueError as error:
-        raise DescriptionError(f"{path.name}: modelDescription.xml: variable '{v.name}': {error}.") from None
-    return Variable(
-        name=v.name,
-        reference=int(v.valueReference),
-        type=v.type,
-        causality=v.causality,
-        variability=v.variability,
-        initial=v.initial,
-        unit=unit,
-        display_unit=shown,
-        start=start,
-        start_text=v.start,
-        min=low if v.type in ("Real", "Integer", "Enumeration") else None,
-        max=high if v.type in ("Real", "Integer", "Enumeration") else None,
-        text=v.description or "",
-        items=MappingProxyType(items),
-        derivative_of=None if v.derivative is None else str(v.derivative.name),
-    )
-
-
-def _start(kind: str, text: str | None) -> Value | None:
-    if text is None or kind == "String":
-        return text
-    if kind == "Boolean":
-        return text in ("true", "1")
-    return float(text) if kind == "Real" else int(text)
-
-
-def _float(text: str | None) -> float | None:
-    return None if text is None else float(text)
 
 
 def _base_unit(base: Any) -> Unit:

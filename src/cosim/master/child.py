@@ -29,7 +29,8 @@ from ..files import reason
 from ..result.result import Result
 from ..system.system import System, make_system
 from .board import FINISHED, Board
-from .instance import Log, RunError, loaded
+from .instance import Log, RunError
+from .loading import loaded
 from .program import make_program
 from .run import Interrupted, Run
 from .signals import ENDING, Presses
@@ -62,6 +63,8 @@ class Outcome:
     dropped_messages: int
     solver: Mapping[str, Mapping[str, float]]
     stopped: bool = False
+    ended: bool = False
+    """Whether an FMU asked for the end, which makes it a whole run."""
     error: tuple[type[CosimError], tuple[Any, ...], dict[str, Any]] | None = None
     bug: str = ""
     """The traceback of an exception that nobody expected."""
@@ -125,7 +128,7 @@ def _outcome(run: Run) -> Outcome:
     """How the run ends. The rows are in shared memory, the messages have been sent."""
     try:
         result = run.go(None, Presses())
-        return Outcome(_seconds(result), result.dropped_messages, result.solver)
+        return Outcome(_seconds(result), result.dropped_messages, result.solver, ended=run.ended)
     except Interrupted as interruption:
         result = interruption.result
         return Outcome(_seconds(result), result.dropped_messages, result.solver, stopped=True)

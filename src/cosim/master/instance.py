@@ -6,20 +6,21 @@ import contextlib
 import ctypes
 import itertools
 import logging
+import math
 import os
 import threading
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
 from ..errors import SimulationError
-from ..files import temporary_folder
-from ..fmu.description import Fmu, Variable
+from ..fmu.description import Fmu
+from ..fmu.variables import Variable
 from ..result.result import Message, Result
 from ..system.parts import Instance
-from ..system.system import System
+from . import loop
 from .board import Board
 
 fmpy: Any = import_module("fmpy")
@@ -38,6 +39,10 @@ STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 
 FATAL = 4
+
+
+TERMINATED, LAST_SUCCESSFUL_TIME = 3, 2
+"""What fmi2GetBooleanStatus and fmi2GetRealStatus are asked for."""
 
 
 MAX_MESSAGES = 10_000
@@ -68,7 +73,7 @@ class CallError(RunError):
         self.function = function
         self.status = status
         said = f" The FMU said: {message}" if message else " The FMU gave no message."
-        returned = f"status {status}, which FMI does not know" if status.isdecimal() else f"fmi2{status}"
+        returned = f"status {status}, which FMI does not know" if status.isdecimal() else f"{function[:4]}{status}"
         text = f"{instance}: {function} at {time:.9g} s returned {returned}.{said}{remedy}"
         super().__init__(text, time=time, message=message)
 
@@ -152,7 +157,13 @@ _LOADING = threading.Lock()
 
 
 class FmuInstance:
-    """An instance on FMPy's FMU2Slave: its calls checked, its messages kept."""
+    """An instance of an FMU of FMI 2.0, on FMPy's FMU2Slave: its calls checked, its messages kept."""
+
+    prefix = "fmi2"
+    """How the names of its functions begin."""
+    types: ClassVar[Mapping[str, int]] = loop.FMI2_TYPES
+    """The loop's number of each type by its name in the functions that set and get values."""
+    _state = "FMUstate"
 
     def __init__(
         self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool, board: Board | None = None
@@ -168,33 +179,57 @@ class FmuInstance:
         self._board = board
         self._slave: Any = None
 
+    # Life
+
     def load(self) -> None:
         """Load the library and create the instance. Raises SimulationError."""
         with _LOADING, _working_folder(self._folder), self._calling("loading the library"):
             try:
-                self._slave = fmi2.FMU2Slave(
-                    guid=self.fmu.guid,
-                    modelIdentifier=self.fmu.identifier,
-                    unzipDirectory=str(self._folder),
-                    instanceName=self.name,
-                    libraryPath=str(self._library),
-                )
+                self._slave = self._bind()
             except Exception as error:
                 # FMPy raises bare exceptions for a library that does not load or lacks a function.
                 text = str(error).replace(str(self._folder), self.fmu.path.name)
                 raise SimulationError(f"{self.name}: the library of {self.fmu.name} cannot be used: {text}") from None
+        function = self._instantiating
         try:
-            with self._calling("fmi2Instantiate"):
-                self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
+            with self._calling(function):
+                self._instantiate()
         except Exception:
             self._slave.freeLibrary()
             self._slave = None
-            raise CallError(self.name, "fmi2Instantiate", time=0.0, status="Error", message=self.log.last) from None
+            raise CallError(self.name, function, time=0.0, status="Error", message=self.log.last) from None
         if not self._debug:
-            categories = [c for c in self.fmu.log_categories if c.startswith("logStatus")]
-            if categories:
-                with self._calling("fmi2SetDebugLogging"):
-                    self._slave.setDebugLogging(True, categories)
+            self._log_less()
+
+    _instantiating = "fmi2Instantiate"
+
+    def _bind(self) -> Any:
+        """FMPy's object for the loaded library."""
+        return fmi2.FMU2Slave(
+            guid=self.fmu.guid,
+            modelIdentifier=self.fmu.identifier,
+            unzipDirectory=str(self._folder),
+            instanceName=self.name,
+            libraryPath=str(self._library),
+        )
+
+    def _instantiate(self) -> None:
+        self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
+
+    def _log_less(self) -> None:
+        """Let the FMU log only what goes wrong. Logging is no part of the model: one that cannot choose goes on."""
+        categories = [category.encode() for category in self.fmu.log_categories if category.startswith("logStatus")]
+        if not categories:
+            return
+        try:
+            self.call(
+                f"{self.prefix}SetDebugLogging", True, len(categories), (ctypes.c_char_p * len(categories))(*categories)
+            )
+        except CallError as error:
+            if self.fatal:
+                raise
+            said = f"SetDebugLogging returned {error.status}. The run goes on, with all that the FMU logs."
+            self.log.add(1, "logging", said)
 
     @property
     def component(self) -> int:
@@ -206,6 +241,8 @@ class FmuInstance:
 
     def call(self, function: str, *arguments: Any) -> Any:
         """Call an FMI function on this instance; raises CallError for a status other than OK and Warning."""
+        if self._slave is None or self.fatal:
+            raise SimulationError(f"{self.name}: no call of {function} any more: the instance has ended.")
         try:
             with self._calling(function):
                 return getattr(self._slave, function)(self._slave.component, *arguments)
@@ -219,80 +256,97 @@ class FmuInstance:
         remedy = " Asynchronous FMUs are not supported." if name == "Pending" else ""
         return CallError(self.name, function, time=self.log.clock(), status=name, message=self.log.last, remedy=remedy)
 
-    def set(self, variable: Variable, value: Any) -> None:
-        """Set one variable."""
-        kind, ctype = _ctype(variable)
-        content = value.encode() if kind == "String" else value
-        self.call(f"fmi2Set{kind}", value_references([variable]), 1, (ctype * 1)(content))
+    def enter_initialization(self, start: float, stop: float, tolerance: float) -> None:
+        """Tell the times, and the tolerance unless it is 0, and enter initialization mode."""
+        self.call("fmi2SetupExperiment", tolerance > 0.0, tolerance, start, True, stop)
+        self.call("fmi2EnterInitializationMode")
 
-    def set_all(self, values: Mapping[str, Any]) -> None:
-        """Set variables by name, those of one type in one call."""
-        groups: dict[str, list[Variable]] = {}
-        for name in values:
-            variable = self.fmu.variables[name]
-            groups.setdefault(_ctype(variable)[0], []).append(variable)
-        for kind, group in groups.items():
-            ctype = _ctype(group[0])[1]
-            given = [values[variable.name] for variable in group]
-            content = [value.encode() for value in given] if kind == "String" else given
-            self.call(f"fmi2Set{kind}", value_references(group), len(group), (ctype * len(group))(*content))
+    def exit_initialization(self) -> None:
+        self.call(f"{self.prefix}ExitInitializationMode")
 
-    def get(self, variable: Variable) -> float:
-        """Read one numeric variable."""
-        kind, ctype = _ctype(variable)
-        buffer = (ctype * 1)()
-        self.call(f"fmi2Get{kind}", value_references([variable]), 1, buffer)
-        return float(buffer[0])
+    def terminate(self) -> None:
+        self.call(f"{self.prefix}Terminate")
 
-    def save(self) -> Any:
-        """The FMU's state, for fmi2SetFMUstate."""
-        state = ctypes.c_void_p()
-        self.call("fmi2GetFMUstate", ctypes.byref(state))
-        return state
+    def reset(self) -> None:
+        self.call(f"{self.prefix}Reset")
 
-    def forget(self, state: Any) -> None:
-        """Free a saved state."""
-        if self._slave is not None and not self.fatal and state.value is not None:
-            self.call("fmi2FreeFMUstate", ctypes.byref(state))
+    def terminated_at(self) -> float | None:
+        """The last time reached if the FMU, whose step returned Discard, asked to end the simulation; else None."""
+        with contextlib.suppress(CallError):
+            ended, time = ctypes.c_int(), ctypes.c_double(-math.inf)
+            self.call("fmi2GetBooleanStatus", TERMINATED, ctypes.byref(ended))
+            if ended:
+                with contextlib.suppress(CallError):
+                    self.call("fmi2GetRealStatus", LAST_SUCCESSFUL_TIME, ctypes.byref(time))
+                return time.value
+        return None
 
     def free(self) -> None:
-        """Free the instance and its library, unless it said fmi2Fatal."""
+        """Free the instance and its library, unless it said Fatal."""
         if self._slave is not None and not self.fatal:
-            with self._calling("fmi2FreeInstance"):
+            with self._calling(f"{self.prefix}FreeInstance"):
                 self._slave.freeInstance()
         self._slave = None
         self.log.close()
 
+    # Values
+
+    def set(self, variable: Variable, value: Any) -> None:
+        """Set one variable."""
+        self.set_all({variable.name: value})
+
+    def set_all(self, values: Mapping[str, Any]) -> None:
+        """Set variables by name, those of one type in one call."""
+        for kind, group in self._grouped(values).items():
+            references = value_references(group)
+            self.call(f"fmi2Set{kind}", references, len(group), self._buffer(kind, [values[v.name] for v in group]))
+
+    def get(self, variable: Variable) -> float:
+        """Read one numeric variable."""
+        buffer = self._buffer(variable.passed_as, [0])
+        self.call(f"fmi2Get{variable.passed_as}", value_references([variable]), 1, buffer)
+        return float(buffer[0])
+
+    def derivatives(self, unknowns: Sequence[Variable], known: Variable) -> Sequence[float]:
+        """Partial derivatives of ``unknowns`` by ``known`` where the instance is now."""
+        found, seed = (ctypes.c_double * len(unknowns))(), (ctypes.c_double * 1)(1.0)
+        rows, column = value_references(unknowns), value_references([known])
+        self.call("fmi2GetDirectionalDerivative", rows, len(unknowns), column, 1, seed, found)
+        return list(found)
+
+    def _grouped(self, names: Iterable[str]) -> dict[str, list[Variable]]:
+        """Variables by the type as which they are passed."""
+        groups: dict[str, list[Variable]] = {}
+        for name in names:
+            variable = self.fmu.variables[name]
+            groups.setdefault(variable.passed_as, []).append(variable)
+        return groups
+
+    def _buffer(self, kind: str, values: Sequence[Any]) -> Any:
+        """Values of a type as a ctypes array."""
+        if kind == "String":
+            return (ctypes.c_char_p * len(values))(*(value.encode() for value in values))
+        return (loop.TYPES[self.types[kind]][1] * len(values))(*values)
+
+    # State
+
+    def save(self) -> Any:
+        """The FMU's state, for ``restore``."""
+        state = ctypes.c_void_p()
+        self.call(f"{self.prefix}Get{self._state}", ctypes.byref(state))
+        return state
+
+    def restore(self, state: Any) -> None:
+        """Go back to a saved state."""
+        self.call(f"{self.prefix}Set{self._state}", state)
+
+    def forget(self, state: Any) -> None:
+        """Free a saved state."""
+        if self._slave is not None and not self.fatal and state.value is not None:
+            self.call(f"{self.prefix}Free{self._state}", ctypes.byref(state))
+
     def _calling(self, function: str) -> contextlib.AbstractContextManager[None]:
         return contextlib.nullcontext() if self._board is None else self._board.call(self.name, function)
-
-
-@contextlib.contextmanager
-def loaded(
-    system: System, *, debug: bool, folder: Path | None = None, board: Board | None = None
-) -> Generator[list[FmuInstance]]:
-    """The instances of ``system``, freed at the end; FMUs are unpacked in ``folder``, or in a temporary one.
-
-    Raises DescriptionError, SimulationError.
-    """
-    instances: list[FmuInstance] = []
-    with contextlib.ExitStack() as resources:
-        place = folder or resources.enter_context(temporary_folder())
-        unpacked: dict[str, tuple[Path, Path]] = {}
-        try:
-            for instance in system.instances:
-                digest = instance.fmu.digest
-                if digest not in unpacked:
-                    target = place / str(len(unpacked))
-                    target.mkdir()
-                    unpacked[digest] = target, instance.fmu.extract(target)
-                made = FmuInstance(len(instances), instance, *unpacked[digest], debug=debug, board=board)
-                instances.append(made)
-                made.load()
-            yield instances
-        finally:
-            for made in instances:
-                made.free()
 
 
 @contextlib.contextmanager
@@ -309,11 +363,6 @@ def _working_folder(folder: Path) -> Generator[None]:
         os.chdir(place)
 
 
-def _ctype(variable: Variable) -> tuple[str, Any]:
-    kind = "Integer" if variable.type == "Enumeration" else variable.type
-    return kind, {"Real": ctypes.c_double, "String": ctypes.c_char_p}.get(kind, ctypes.c_int)
-
-
-def value_references(variables: list[Variable]) -> Any:
+def value_references(variables: Sequence[Variable]) -> Any:
     """Value references of variables as a ctypes array."""
     return (ctypes.c_uint * len(variables))(*(variable.reference for variable in variables))

@@ -266,7 +266,8 @@ class _Watch:
         if error is not None and not issubclass(error[0], RunError):
             raise _rebuilt(error)
         finished = bool(self.board.flags[FINISHED]) and self.process.code == 0
-        complete = int(self.board.state[loop.POINT]) == self.system.steps and bool(self.board.flags[STEPPING])
+        complete = int(self.board.state[loop.POINT]) == self.system.steps or (outcome is not None and outcome.ended)
+        complete = complete and bool(self.board.flags[STEPPING])
         elapsed = clock_time.perf_counter() - self.started
         result = make_result(
             self.system,

@@ -90,11 +90,12 @@ TYPES = (
 """Name in FMI 3.0 and type in C, in the order of the numbers that ``TYPE`` takes; the last is fmi2Boolean."""
 FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN8, BOOLEAN32 = range(len(TYPES))
 FMI2_TYPES = {"Real": FLOAT64, "Integer": INT32, "Boolean": BOOLEAN32}
+FMI3_TYPES = {name: number for number, (name, _) in enumerate(TYPES[:-1])}
 
 FUNCTIONS = (
     *(f"fmi2{act}{name}" for act in ("Set", "Get") for name in FMI2_TYPES),
     "fmi2DoStep",
-    *(f"fmi3{act}{name}" for act in ("Set", "Get") for name, _ in TYPES[:-1]),
+    *(f"fmi3{act}{name}" for act in ("Set", "Get") for name in FMI3_TYPES),
     "fmi3DoStep",
 )
 """The functions that the loop calls; see ``call_number``."""

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fmu.description import Variable
-from ..system.parts import Connection
+from ..fmu.variables import Variable
+from ..system.parts import Connection, Instance
 from ..system.system import System
 from . import loop
+from .fmi3 import wholes
 from .instance import FmuInstance
-
-KINDS = {"Real": 0, "Integer": 1, "Enumeration": 1, "Boolean": 2}
-"""Which of the loop's set and get calls serves a type."""
 
 
 def same_program(one: System, other: System) -> bool:
@@ -44,8 +42,18 @@ class Program:
     values: NDArray[np.float64]
     others: NDArray[np.uint64]
     recorded: NDArray[np.uint64]
+    resting: list[tuple[str, Variable]]
+    """Elements that nothing feeds, of arrays that are set as a whole because something feeds others."""
     references: list[NDArray[np.uint32]]
     """Held because the rows know them by address only."""
+
+    def reset(self, system: System) -> None:
+        """All signals as they are before the run of a variant of the system."""
+        self.values[:] = 0.0
+        self.others[:] = 0
+        for name, variable in self.resting:
+            value = system.instance(name).start.get(variable.name, variable.start)
+            self.values[self.slots[name, variable.name]] = 0.0 if value is None else float(value)
 
 
 class Signals:
@@ -55,42 +63,64 @@ class Signals:
         self.slots: dict[tuple[str, str], int] = {}
         self.inputs: dict[tuple[str, int], list[Connection]] = {}
         self.outputs: dict[tuple[str, int], list[Variable]] = {}
-        fed = {connection.target for connection in system.connections}
+        self.resting: list[tuple[str, Variable]] = []
         for instance in system.instances:
-            variables = instance.fmu.variables
-            incoming = [c for c in system.connections if c.target[0] == instance.name]
-            wanted = [c.source[1] for c in system.connections if c.source[0] == instance.name]
-            wanted += [v for name, v in system.record if name == instance.name and (name, v) not in fed]
-            for kind in range(3):
-                inputs = [c for c in incoming if KINDS[variables[c.target[1]].type] == kind]
-                outputs = [variables[name] for name in dict.fromkeys(wanted) if KINDS[variables[name].type] == kind]
-                self.inputs[instance.name, kind], self.outputs[instance.name, kind] = inputs, outputs
-                for name in [*(c.target[1] for c in inputs), *(v.name for v in outputs)]:
-                    self.slots[instance.name, name] = len(self.slots)
+            name, variables = instance.name, instance.fmu.variables
+            incoming = {c.target[1]: c for c in system.connections if c.target[0] == name}
+            for kind, fed in self._by_kind(instance, incoming).items():
+                self.inputs[name, kind] = [incoming[variable.name] for variable in fed]
+                for _, elements in wholes(variables, fed):
+                    self._place(name, elements)
+                    self.resting += [(name, element) for element in elements if element.name not in incoming]
+            wanted = [c.source[1] for c in system.connections if c.source[0] == name]
+            wanted += [v for other, v in system.record if other == name]
+            read = dict.fromkeys(v for v in wanted if (name, v) not in self.slots)
+            for kind, outputs in self._by_kind(instance, read).items():
+                self.outputs[name, kind] = outputs
+                for _, elements in wholes(variables, outputs):
+                    self._place(name, elements)
         self.values = np.zeros(max(len(self.slots), 1))
         self.others = np.zeros(self.values.size, dtype=np.uint64)
         """Buffers for values of other types than double, those of a call side by side from its first slot on."""
         self.references: list[NDArray[np.uint32]] = []
 
+    @staticmethod
+    def _by_kind(instance: Instance, names: Iterable[str]) -> dict[int, list[Variable]]:
+        """Variables by the loop's number of their type, in the order of the numbers."""
+        types = loop.FMI3_TYPES if instance.fmu.fmi == 3 else loop.FMI2_TYPES
+        found: dict[int, list[Variable]] = {}
+        for name in names:
+            variable = instance.fmu.variables[name]
+            found.setdefault(types[variable.passed_as], []).append(variable)
+        return dict(sorted(found.items()))
+
+    def _place(self, name: str, variables: Iterable[Variable]) -> None:
+        for variable in variables:
+            self.slots[name, variable.name] = len(self.slots)
+
+    def kinds(self, name: str) -> list[int]:
+        """The numbers of the types of an instance's signals."""
+        return sorted({kind for other, kind in (*self.inputs, *self.outputs) if other == name})
+
     def call(self, slave: FmuInstance, kind: int, variables: Sequence[Variable], *, into: bool) -> loop.Row:
-        """A call that sets (``into``) or reads variables whose slots lie side by side."""
-        name, number = list(loop.FMI2_TYPES.items())[kind]
-        function = f"fmi2{'Set' if into else 'Get'}{name}"
-        self.references.append(np.array([variable.reference for variable in variables], dtype=np.uint32))
-        slot = self.slots[slave.name, variables[0].name]
-        buffer = self.values if number == loop.FLOAT64 else self.others
+        """A call that sets (``into``) or reads variables or the arrays they belong to; their slots lie side by side."""
+        function = f"{slave.prefix}{'Set' if into else 'Get'}{variables[0].passed_as}"
+        whole = wholes(slave.fmu.variables, variables)
+        self.references.append(np.array([variable.reference for variable, _ in whole], dtype=np.uint32))
+        slot = self.slots[slave.name, whole[0][1][0].name]
+        buffer = self.values if kind == loop.FLOAT64 else self.others
         return {
             loop.ACT: loop.EXCHANGE,
-            loop.FMI: 2,
+            loop.FMI: slave.fmu.fmi,
             loop.COMPONENT: slave.component,
             loop.FUNCTION: slave.address(function),
             loop.CALL: loop.call_number(slave.number, function),
             loop.REFERENCES: self.references[-1].ctypes.data,
-            loop.REFERENCE_COUNT: len(variables),
-            loop.COUNT: len(variables),
+            loop.REFERENCE_COUNT: len(whole),
+            loop.COUNT: sum(len(elements) for _, elements in whole),
             loop.BUFFER: buffer.ctypes.data + slot * buffer.itemsize,
             loop.SLOT: slot,
-            loop.TYPE: number,
+            loop.TYPE: kind,
             loop.SET: int(into),
         }
 
@@ -105,17 +135,18 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
     for instance, slave in zip(system.instances, slaves, strict=True):
         variables, name, multiple = instance.fmu.variables, instance.name, instance.step_multiple
         into, out = sets.setdefault(name, []), gets.setdefault(name, [])
-        for kind in range(3):
-            connections, outputs = signals.inputs[name, kind], signals.outputs[name, kind]
+        for kind in signals.kinds(name):
+            connections, outputs = signals.inputs.get((name, kind), []), signals.outputs.get((name, kind), [])
             if connections:
                 row = signals.call(slave, kind, [variables[c.target[1]] for c in connections], into=True)
                 into.append({**row, loop.LINKS: len(connections), loop.LINK: len(links)})
                 links += connections
             if outputs:
                 out.append(signals.call(slave, kind, outputs, into=False))
-        first, *others = out or [{loop.FMI: 2, loop.COMPONENT: slave.component}]
-        called = loop.call_number(slave.number, "fmi2DoStep")
-        stepping = {loop.STEP: slave.address("fmi2DoStep"), loop.STEP_CALL: called, loop.MULTIPLE: multiple}
+        first, *others = out or [{loop.FMI: slave.fmu.fmi, loop.COMPONENT: slave.component}]
+        function = f"{slave.prefix}DoStep"
+        called = loop.call_number(slave.number, function)
+        stepping = {loop.STEP: slave.address(function), loop.STEP_CALL: called, loop.MULTIPLE: multiple}
         step += _guarded([{**first, **stepping}, *others], multiple)
 
     fed = {connection.target for connection in system.connections}
@@ -123,7 +154,7 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
     initial: list[loop.Row] = []
     for name in system.visits:
         instance = system.instance(name)
-        read = [variable.name for kind in range(3) for variable in signals.outputs[name, kind]]
+        read = [variable.name for (other, _), group in signals.outputs.items() if other == name for variable in group]
         direct = any((name, i) in fed for output in read for i in instance.fmu.dependencies.get(output, ()))
         rows = [*sets[name], *gets[name]] if direct and not system.parallel else sets[name]
         point += _guarded(rows, instance.step_multiple)
@@ -141,6 +172,7 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
         values=signals.values,
         others=signals.others,
         recorded=np.array([signals.slots[end] for end in system.record], dtype=np.uint64),
+        resting=signals.resting,
         references=signals.references,
     )
 

@@ -18,15 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
-from ..fmu.description import Value, Variable
+from ..fmu.variables import Value, Variable
 from ..result.record import Column
 from ..result.result import Message, Result
 from ..system.parts import Connection
 from ..system.system import System
+from ..system.values import is_numeric
 from . import loop, loop_plain
 from .board import IN_LOOP, STEPPING, STOP, Board
-from .instance import FmuInstance, Log, RunError, fmpy
-from .program import KINDS, Program
+from .instance import STATUS, FmuInstance, Log, RunError, fmpy
+from .program import Program
 from .signals import Ended, Presses
 
 Progress = Callable[[float], None]
@@ -66,6 +67,15 @@ class SignalError(RunError):
         )
 
 
+class _Termination(RunError):
+    """An FMU asked to end the simulation, at ``reached``: the end of its step or before."""
+
+    def __init__(self, slave: FmuInstance, reached: float, *, time: float) -> None:
+        self.slave = slave
+        self.reached = reached
+        super().__init__(f"{slave.name} ended the simulation at {reached:.9g} s.", time=time)
+
+
 class Run:
     """One run of a system on loaded instances."""
 
@@ -101,6 +111,8 @@ class Run:
             self.rows = board.window
         self.state[loop.POINT] = begin
         self.notices: list[Message] = []
+        self.ended = False
+        """Whether an FMU asked for the end."""
         self.started = clock_time.perf_counter()
         self.stepping_seconds = 0.0
 
@@ -116,7 +128,7 @@ class Run:
             solver = self.counters()
             if end is None:
                 for slave in self.slaves:
-                    slave.call("fmi2Terminate")
+                    slave.terminate()
         except RunError as error:
             error.result = self.result({}, partial=True)
             raise
@@ -154,13 +166,10 @@ class Run:
             slave.set_all(instance.start)
         for slave in self.slaves:
             tolerance = (slave.fmu.tolerance if system.tolerance is None else system.tolerance) or 0.0
-            times = self.clock[0], True, float(system.stop_time)
-            slave.call("fmi2SetupExperiment", tolerance > 0.0, tolerance, *times)
-        for slave in self.slaves:
-            slave.call("fmi2EnterInitializationMode")
+            slave.enter_initialization(float(self.clock[0]), float(system.stop_time), tolerance)
         self.propagate()
         for slave in self.slaves:
-            slave.call("fmi2ExitInitializationMode")
+            slave.exit_initialization()
         self.once(self.program.outputs)
 
     def propagate(self) -> None:
@@ -215,10 +224,23 @@ class Run:
         if state[loop.REASON] == loop.OUT_OF_RANGE:
             slot = int(state[loop.FAILED_SLOT])
             connection = next(c for c in program.connections if program.slots[c.target] == slot)
-            why = f"more than an {self.system.variable(*connection.target).type} can be"
+            why = f"beyond what {self.system.variable(*connection.target).passed_as} can be"
             return SignalError(connection, float(program.values[slot]), time=self.time(), why=why)
         number, function = loop.call_of(state) or (0, "")
-        return self.slaves[number].failed(function, int(state[loop.STATUS]))
+        slave, reached = self.slaves[number], float(state.view(np.float64)[loop.LAST_TIME])
+        if state[loop.REASON] == loop.TERMINATED:
+            return _Termination(slave, reached, time=self.time())
+        if state[loop.REASON] == loop.RETURNED_EARLY:
+            where = f"{slave.name}: {function} at {self.time():.9g} s"
+            text = f"{where} returned early, at {reached:.9g} s, though told not to. Take a step that ends there."
+            return RunError(text, time=self.time(), message=slave.log.last)
+        status = int(state[loop.STATUS])
+        error = slave.failed(function, status)
+        if function == "fmi2DoStep" and STATUS[status : status + 1] == ("Discard",):
+            ended = slave.terminated_at()
+            if ended is not None:
+                return _Termination(slave, ended, time=self.time())
+        return error
 
     def step(self, progress: Progress | None, interrupted: Presses, pause: int | None = None) -> bool:
         """Run all steps, or those before point ``pause``, in chunks of about ``CHUNK_SECONDS``; True if interrupted."""
@@ -242,6 +264,9 @@ class Run:
             begun = clock_time.perf_counter()
             try:
                 self.loop(program, split, record, end=end, last=last, check=self.check)
+            except _Termination as termination:
+                self.finish(termination)
+                return False
             finally:
                 spent = clock_time.perf_counter() - begun
                 self.stepping_seconds += spent
@@ -254,10 +279,42 @@ class Run:
             steps = end - point
             chunk = max(1, min(4 * chunk, int(steps * CHUNK_SECONDS / max(spent, 1e-9))))
 
+    def finish(self, termination: _Termination) -> None:
+        """End where an FMU asked for it: at the end of its step if it got there, else at the point before.
+
+        At the end of the step, the instances that come after it in the program step, too, and the row is recorded.
+        """
+        point = int(self.state[loop.POINT])
+        due, h = float(self.clock[0] + (point + 1) * self.clock[1]), float(self.clock[1])
+        rows = self.program.step
+        reached = termination.reached
+        while reached >= due - 1e-6 * h:
+            # The step that ended has been made; what the loop would have done behind it in this row is left.
+            calling = int(self.state[loop.CALLING])
+            at = next(i for i, row in enumerate(rows) if row.get(loop.STEP) and row[loop.STEP_CALL] == calling)
+            rows = [{**rows[at], loop.STEP: 0}, *rows[at + 1 :]]
+            recorded = int(self.state[loop.ROWS])
+            try:
+                nothing = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), self.system.decimation
+                self.loop(loop.array(rows), 0, nothing, end=point + 1, last=point + 2, check=self.check)
+            except _Termination as another:
+                reached = min(reached, another.reached)
+                continue
+            finally:
+                self.state[loop.ROWS] = recorded
+            record = self.program.recorded, self.rows, self.system.decimation
+            points = loop.array(self.program.point)
+            self.loop(points, len(self.program.point), record, end=point + 1, last=point + 1, check=self.check)
+            break
+        self.ended = True
+        text = f"asked to end the simulation at {termination.reached:.9g} s; the run ends at {self.time():.9g} s"
+        self.notices.append(Message(termination.slave.name, self.time(), "OK", "terminated", text))
+        Log.sink(self.notices[-1])
+
     def counters(self) -> dict[str, dict[str, float]]:
         found: dict[str, dict[str, float]] = {}
         for slave in self.slaves:
-            variables = [v for v in slave.fmu.variables.values() if v.name.startswith(SOLVER) and v.type in KINDS]
+            variables = [v for v in slave.fmu.variables.values() if v.name.startswith(SOLVER) and is_numeric(v)]
             if variables:
                 found[slave.name] = {v.name.removeprefix(SOLVER): slave.get(v) for v in variables}
         return found

@@ -20,15 +20,17 @@ The last point gets its inputs, its feedthrough and its row, too.
 Parallel order (Jacobi): in 1. all instances due get their inputs from the values after the last step, and nothing is
 read until all have stepped: one sample of delay for a controller.
 
+An FMU that asks to end the simulation (fmi2Discard with fmi2Terminated, terminateSimulation of fmi3DoStep) ends the run
+at the last communication point that it has reached; the others finish their step to there. That is no error.
+
 fmi2Warning is counted and logged, the run goes on. Any other status ends it: what was computed is kept in the
-error's ``result``. All instances are freed; after fmi2Fatal the standard forbids every further call, so that
-instance alone is left to the operating system.
+error's ``result``. All instances are freed; after Fatal the standard forbids every further call of any instance of that
+FMU, so that these are left to the operating system. Another run of the same ``Simulation`` begins with new instances.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -37,13 +39,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError, suggest
-from ..fmu.description import Value, Variable
+from ..errors import DescriptionError, SimulationError, suggest
+from ..fmu.variables import Value, Variable
 from ..result.result import Result
 from ..system.system import System
 from ..system.values import start_value
-from .instance import CallError, FmuInstance, loaded, value_references
+from .instance import CallError, FmuInstance
 from .isolation import simulate_isolated
+from .loading import loaded
 from .program import Program, make_program, same_program
 from .run import Progress, Run
 from .signals import Presses, counted
@@ -140,6 +143,10 @@ class Simulation:
         run = self._ready(system)
         with counted(most=1) as interrupted:
             result = run.go(None, interrupted, end=point)
+        if run.ended:
+            raise DescriptionError(
+                f"{system.name}: an FMU ended the simulation at {run.time():.9g} s, before {time:.9g} s."
+            )
         saved: list[tuple[FmuInstance, Any]] = []
         try:
             for slave in self._slaves:
@@ -181,7 +188,7 @@ class Simulation:
         if not self._slaves:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         for slave, state in checkpoint.saved:
-            slave.call("fmi2SetFMUstate", state)
+            slave.restore(state)
         self._fresh = False
 
     def release(self, checkpoint: Checkpoint) -> None:
@@ -196,13 +203,10 @@ class Simulation:
         """
         slave = self._slave(instance)
         variables = slave.fmu.variables
-        rows = value_references([variables[name] for name in unknowns])
+        rows = [variables[name] for name in unknowns]
         matrix = np.zeros((len(unknowns), len(knowns)))
-        found, seed = (ctypes.c_double * len(unknowns))(), (ctypes.c_double * 1)(1.0)
         for column, name in enumerate(knowns):
-            reference = value_references([variables[name]])
-            slave.call("fmi2GetDirectionalDerivative", rows, len(unknowns), reference, 1, seed, found)
-            matrix[:, column] = found
+            matrix[:, column] = slave.derivatives(rows, variables[name])
         return matrix
 
     def value(self, instance: str, variable: str) -> float:
@@ -222,26 +226,38 @@ class Simulation:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
             raise DescriptionError(f"{system.name}: not the instances of {self.system.name}. Make a new Simulation.")
-        run = Run(system, self._slaves, self._prepared(system), check=not self.keep_going)
         if not self._fresh:
-            for slave in self._slaves:
-                slave.call("fmi2Reset")
+            self._renew()
+        run = Run(system, self._slaves, self._prepared(system), check=not self.keep_going)
         self._fresh = False
         return run
+
+    def _renew(self) -> None:
+        """Bring all instances back to where they began: by fmi2Reset, or as new ones where that fails or is too late.
+
+        After Fatal their libraries are loaded anew, too: they are unpacked to another place. Checkpoints end with them.
+        """
+        try:
+            if any(slave.fatal for slave in self._slaves):
+                raise SimulationError("an instance has ended.")
+            for slave in self._slaves:
+                slave.reset()
+        except SimulationError:
+            self.close()
+            self._slaves = self._resources.enter_context(loaded(self.system, debug=self.debug))
 
     def _prepared(self, system: System) -> Program:
         """The program of ``system``: that of the run before, if only start values and times differ."""
         if self._program is None or not same_program(self._program[0], system):
             self._program = system, make_program(system, self._slaves)
-        program = self._program[1]
-        program.values[:] = 0.0
-        program.others[:] = 0
-        return program
+        self._program[1].reset(system)
+        return self._program[1]
 
     @staticmethod
     def _free_saved(saved: Sequence[tuple[FmuInstance, Any]]) -> None:
         for slave, state in saved:
-            slave.forget(state)
+            with contextlib.suppress(CallError):
+                slave.forget(state)
 
 
 @dataclass(frozen=True)

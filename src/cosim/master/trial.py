@@ -25,7 +25,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import CosimError
-from ..fmu.description import Value, Variable
+from ..fmu.variables import Value, Variable
 from ..system.parts import Instance
 from ..system.samples import sampling_time
 from ..system.system import System, make_system

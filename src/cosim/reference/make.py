@@ -15,7 +15,8 @@ from ..export.assets import ICON, MEASURED, PICTURE, folder
 from ..export.package import build
 from ..export.workspace import Workspace
 from ..files import temporary_folder
-from ..fmu.description import Fmu, Value, read_fmu
+from ..fmu.description import Fmu, read_fmu
+from ..fmu.variables import Value
 from ..fmu.xml import document
 from ..model import Choice, Component, Plant, declarations
 from ..reference import fmi_ls_ref as lsref

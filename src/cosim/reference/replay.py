@@ -364,7 +364,12 @@ def _job(experiment: Experiment, beside: Path, folder: Path, model: Any, interfa
         if name not in references.names
     ]
     if unknown:
-        lesser.append(f"{path.name}: the FMU has no variable {', '.join(unknown)}. Take out what it has not.")
+        # A file may serve FMUs of several versions of FMI, which have other variables.
+        remark = f"the FMU has no variable {', '.join(unknown)}"
+        if located:
+            notes.append(f"{remark}: not compared.")
+        else:
+            lesser.append(f"{path.name}: {remark}. Take out what it has not.")
     if problems or not located:
         nothing = [] if located or unknown else [f"{path.name}: nothing to compare in it."]
         raise DescriptionError([*problems, *lesser, *nothing])

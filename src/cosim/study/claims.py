@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import hashlib
 import math
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..errors import DescriptionError, suggest
+from ..fmu.tables import read_table
 from . import expression, rules
 from .rules import Numbers, Rule
 from .study import COPY, Claim, Kind, Measure, Outcomes, Picture, Reading, Run, Status, Study, labelled
@@ -137,23 +137,7 @@ class ClaimsData(_Data):
 
 def read_claims(path: Path) -> ClaimsData:
     """The claims file at ``path``. Raises DescriptionError with every problem of its shape."""
-    try:
-        return ClaimsData.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        raise DescriptionError(f"{path}: no such file.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise DescriptionError(f"{path}: {error}.") from None
-    except ValidationError as error:
-        raise DescriptionError(
-            [f"{path.name}: {_place(problem['loc'])}: {problem['msg']}." for problem in error.errors()]
-        ) from None
-
-
-def _place(location: Sequence[str | int]) -> str:
-    text = ""
-    for part in location:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
-    return text or "the file"
+    return read_table(path, ClaimsData)
 
 
 def read_study(

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any, cast
 
 from ..errors import suggest
-from ..fmu.description import Fmu, Variable
+from ..fmu.description import Fmu
+from ..fmu.variables import Variable
 from ..units import Unit
 from .findings import Findings
 from .parts import Connection, Instance

@@ -9,11 +9,15 @@ from pathlib import Path
 from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
-from ..fmu.description import Array, Fmu, Value, Variable, missing_binary, read_fmu
+from ..fmu.description import Array, Fmu, read_fmu
 from ..fmu.places import find_fmu
+from ..fmu.variables import Value, Variable
 from .findings import Findings
 from .parts import Instance
 from .values import flat_table, show_value, start_value
+
+SHOWN_FINDINGS = 3
+"""Findings about the file of an FMU that are told with a system."""
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -69,11 +73,18 @@ def _fmu(where: str, value: object, places: Places, findings: Findings) -> Fmu |
         for problem in error.problems:
             findings.problem(where, problem)
         return None
-    missing = missing_binary(fmu)
-    if missing:
-        findings.problem(where, f"{fmu.path.name}: {missing}")
-        return None
-    return fmu
+    for obstacle in fmu.obstacles:
+        findings.problem(where, f"{fmu.path.name}: {obstacle}")
+    for finding in _shortened(fmu):
+        findings.note(where, f"{fmu.path.name}: {finding}")
+    return None if fmu.obstacles else fmu
+
+
+def _shortened(fmu: Fmu) -> list[str]:
+    """The first findings about the file of an FMU; what its tool does wrong once, it often does for all variables."""
+    more = len(fmu.findings) - SHOWN_FINDINGS
+    last = [f"and {more} more findings in it: cosim info {fmu.path}."] if more > 0 else []
+    return [*fmu.findings[:SHOWN_FINDINGS], *last]
 
 
 # Start values

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Literal
 
-from ..fmu.description import Fmu, Value
+from ..fmu.description import Fmu
+from ..fmu.variables import Value
 
 Order = Literal["sequential", "parallel"] | tuple[str, ...]
 

@@ -52,12 +52,16 @@ def _recorded(
     elif name not in instances:
         if name not in declared:
             findings.problem(where, f"'{pattern}': no instance '{name}'.{suggest(name, declared)}")
+    elif not exact and variable in instances[name].fmu.arrays:
+        for element in instances[name].fmu.arrays[variable].elements:
+            yield from _recorded(f"{name}.{element}", instances, declared, findings)
     elif not exact:
         fmu = instances[name].fmu
         known = [v for v in fmu.variables if not v.endswith("]")]
         findings.problem(where, f"'{pattern}': {fmu.name} has no variable '{variable}'.{suggest(variable, known)}")
     elif not is_numeric(instances[name].fmu.variables[variable]):
-        findings.problem(where, f"'{pattern}' is a String; only numbers are recorded.")
+        kind = instances[name].fmu.variables[variable].type
+        findings.problem(where, f"'{pattern}' is a {kind}; only numbers are recorded.")
     else:
         yield name, variable
 

@@ -14,7 +14,8 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 from ..fmu.archive import write_zip
-from ..fmu.description import Fmu, Value, Variable
+from ..fmu.description import Fmu
+from ..fmu.variables import Value, Variable
 from ..fmu.xml import document
 from ..units import BASE_UNITS
 from .parts import Connection

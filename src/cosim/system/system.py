@@ -40,8 +40,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError, suggest
-from ..fmu.description import Value, Variable
 from ..fmu.places import find_system, has_ending
+from ..fmu.variables import Value, Variable
 from .check import checked_fields
 from .document import changed_document, load_document
 from .parts import Connection, Instance, Order, system_digest

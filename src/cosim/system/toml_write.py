@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ..files import write_file
-from ..fmu.description import Fmu, Value
+from ..fmu.description import Fmu
+from ..fmu.variables import Value
 from .connections import arrow
 from .parts import Connection
 from .ssp_write import resource_names

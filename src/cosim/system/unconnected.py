@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..fmu.description import Variable
+from ..fmu.variables import Variable
 from .connections import ACCEPTED_TYPES, is_same_unit
 from .order import find_loop
 from .parts import Instance

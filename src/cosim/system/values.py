@@ -11,13 +11,21 @@ from fractions import Fraction
 from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
-from ..fmu.description import Value, Variable
+from ..fmu.variables import Value, Variable
 
 _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
 
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """A number as people type it; TOML wants a digit on both sides of the point and no leading zeros."""
+
+
+RANGES = {
+    "Integer": (-(2**31), 2**31 - 1),
+    **{f"Int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
+}
+"""Least and largest number of the types of FMI for whole numbers."""
 
 
 WHOLE = 4e-15
@@ -115,7 +123,7 @@ def unit_suffix(variable: Variable) -> str:
 
 def is_numeric(variable: Variable) -> bool:
     """Whether a variable holds numbers: everything but texts."""
-    return variable.type != "String"
+    return variable.type not in ("String", "Binary", "Clock")
 
 
 def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
@@ -145,12 +153,15 @@ def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
     if kind in ("Integer", "Enumeration"):
         if number != number.to_integral_value():
             return None, f"{show_value(given)} is not a whole number."
-        if not -(2**31) <= number < 2**31:
-            return None, f"{show_value(given)} does not fit 32 bits."
+        low, high = RANGES.get(variable.passed_as, RANGES["Integer"])
+        if not low <= number <= high:
+            return None, f"{show_value(given)} does not fit {variable.passed_as}, which is {low} to {high}."
         if variable.items and int(number) not in variable.items.values():
             return None, f"{show_value(given)} is no item of this enumeration.{suggest('', variable.items)}"
     if variable.min is not None and number < Decimal(repr(variable.min)):
         return None, f"{show_value(given)}{unit} is below its minimum {variable.min:g}{unit}."
     if variable.max is not None and number > Decimal(repr(variable.max)):
         return None, f"{show_value(given)}{unit} is above its maximum {variable.max:g}{unit}."
+    if variable.passed_as == "Float32" and abs(number) > Decimal("3.4028234663852886e38"):
+        return None, f"{show_value(given)}{unit} does not fit Float32, which ends at 3.40282e38."
     return (float(number) if kind == "Real" else int(number)), ""

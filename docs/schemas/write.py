@@ -1,0 +1,33 @@
+"""Writes the JSON Schemas of the project's TOML files beside itself: ``python docs/schemas/write.py``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from cosim.design.documents import MapData, SweepData, TuningData
+from cosim.design.names import AxisNames, NctfNames
+from cosim.study.claims import ClaimsData
+
+MODELS: Mapping[str, type[BaseModel]] = {
+    "sweep": SweepData,
+    "tuning": TuningData,
+    "map": MapData,
+    "claims": ClaimsData,
+    "nctf_names": NctfNames,
+    "friction_pulse_names": AxisNames,
+}
+
+
+def schema(name: str) -> str:
+    """The text of a schema file."""
+    content = {"$schema": "https://json-schema.org/draft/2020-12/schema", **MODELS[name].model_json_schema()}
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    for name in MODELS:
+        Path(__file__).with_name(f"{name}.json").write_text(schema(name), encoding="utf-8")

@@ -1,0 +1,176 @@
+"""Who does the runs of a sweep: workers of this machine, or the cluster of a dask scheduler."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import logging
+import math
+import os
+import time as clock_time
+from collections.abc import Sequence
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from typing import Any, Protocol, Self, cast
+
+from ..errors import CosimError, DescriptionError
+from .batch import Job, run_batch
+from .dataset import Row
+from .plan import Point
+from .workers import Limit, Workers
+
+CONNECT_SECONDS = 10.0
+"""How long a scheduler may take to answer, at the start and after the connection was lost."""
+
+ABSENT_SECONDS = 60.0
+"""How long a cluster may be without workers: those that died may be started again, which takes seconds."""
+
+
+class ClusterError(CosimError):
+    """The scheduler or all workers of a cluster are gone."""
+
+
+class BatchLost(CosimError):
+    """A batch did not come back because its worker died."""
+
+
+class Crew(Protocol):
+    """Takes batches of runs."""
+
+    count: int
+    """How many batches are done side by side."""
+
+    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[Row]]:
+        """Have a batch done; ``limit`` is that of a run."""
+        ...
+
+    def rows(self, future: Future[list[Row]]) -> list[Row]:
+        """What came back. Raises BatchLost, or what the batch raised."""
+        ...
+
+    def check(self) -> None:
+        """Raise ClusterError if nobody does the batches any more."""
+        ...
+
+
+class Threads:
+    """Threads of this process, each with a worker; a context manager."""
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = count if count is not None else os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(self.count)
+        self._workers = Workers()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        # Those in the middle of a run are not waited for.
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._workers.stop()
+        self._pool.shutdown(wait=True)
+
+    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[Row]]:
+        """Have a batch done."""
+        return self._pool.submit(self._batch, job, batch, points, limit)
+
+    def _batch(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> list[Row]:
+        return run_batch(job, batch, points, self._workers.mine(), limit)
+
+    def rows(self, future: Future[list[Row]]) -> list[Row]:
+        """What came back."""
+        return future.result()
+
+    def check(self) -> None:
+        """Threads do not die."""
+
+
+class Cluster:
+    """The workers of a dask scheduler; a context manager. Raises DescriptionError if it does not answer."""
+
+    def __init__(self, address: str) -> None:
+        try:
+            import distributed as _distributed
+        except ImportError:
+            raise DescriptionError("a scheduler needs dask.distributed: install motion-cosim[tools].") from None
+        distributed = cast(Any, _distributed)
+        self.address = address
+        self.count = 0
+        try:
+            self._client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise DescriptionError(f"no dask scheduler at {address}: {error}") from None
+        self._executor = self._client.get_executor(pure=False)
+        self._seen = clock_time.monotonic()
+        self._levels = {logger: logger.level for logger in _loggers()}
+        for logger in self._levels:
+            # A scheduler that is gone is told in one sentence, not in tracebacks.
+            logger.setLevel(logging.CRITICAL)
+
+    def __enter__(self) -> Self:
+        self.count = sum(self._client.nthreads().values())
+        if not self.count:
+            self.__exit__()
+            raise DescriptionError(f"the dask scheduler at {self.address} has no workers. Start some: dask worker.")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with contextlib.suppress(Exception):
+            # A scheduler that is gone cannot be told.
+            self._client.close(timeout=CONNECT_SECONDS)
+        for logger, level in self._levels.items():
+            logger.setLevel(level)
+
+    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[Row]]:
+        """Have a batch done."""
+        try:
+            return self._executor.submit(cluster_batch, job, list(batch), list(points), limit.longest)
+        except Exception as error:
+            raise self._gone() from error
+
+    def rows(self, future: Future[list[Row]]) -> list[Row]:
+        """What came back."""
+        from distributed.scheduler import KilledWorker as _KilledWorker
+
+        killed = cast("type[Exception]", _KilledWorker)
+        try:
+            return future.result()
+        except killed as error:
+            raise BatchLost(f"the worker of the cluster died in this run: {error}") from None
+        except CancelledError:
+            raise self._gone() from None
+
+    def check(self) -> None:
+        """Whether the scheduler answers and has workers."""
+        now = clock_time.monotonic()
+        if self._client.status == "running" and self._client.scheduler_info().get("workers"):
+            self._seen = now
+        patience = ABSENT_SECONDS if self._client.status == "running" else CONNECT_SECONDS
+        if now - self._seen > patience:
+            raise self._gone()
+
+    def _gone(self) -> ClusterError:
+        what = "has no workers any more" if self._client.status == "running" else "is gone"
+        return ClusterError(
+            f"the dask scheduler at {self.address} {what}. What was written is kept; the same command goes on."
+        )
+
+
+def _loggers() -> list[logging.Logger]:
+    """Those of dask.distributed."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    return [logging.getLogger(name) for name in names]
+
+
+_limits: dict[str, Limit] = {}
+_workers = Workers()
+"""Limits and workers of this process of a cluster."""
+atexit.register(_workers.stop)
+
+
+def cluster_batch(job: Job, batch: Sequence[int], points: Sequence[Point], longest: float) -> list[Row]:
+    """Do a batch in a process of a cluster; ``longest`` is the time of the longest run so far, NaN if there is none."""
+    limit = _limits.setdefault(job.system.digest, Limit(job.timeout))
+    limit.given = job.timeout
+    if not math.isnan(longest):
+        limit.learn(longest)
+    return run_batch(job, batch, points, _workers.mine(), limit)

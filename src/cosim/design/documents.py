@@ -1,0 +1,167 @@
+"""Files that ask for runs of a system: sweeps, tunings and maps of limits, as tables with their keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from ..fmu.tables import Count, Number, Positive, Scalar, Seconds, Table, Text
+
+
+class RangeData(Table):
+    """Values between two ends, in equal steps or equal ratios."""
+
+    EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0 }"
+
+    low: Annotated[Number, Field(alias="from")]
+    high: Annotated[Number, Field(alias="to")]
+    log: bool = False
+    """Equal ratios instead of equal steps."""
+
+    @model_validator(mode="after")
+    def _log_of_positive(self) -> RangeData:
+        if self.log and not (self.low > 0.0 and self.high > 0.0):
+            raise ValueError(f"log needs positive ends, not {self.low:g} and {self.high:g}")
+        return self
+
+    def at(self, share: float) -> float:
+        """The value at a share of the way, 0 ... 1."""
+        if self.log:
+            return self.low * (self.high / self.low) ** share
+        return self.low + (self.high - self.low) * share
+
+
+class AxisData(RangeData):
+    """A range with the number of its values, which a grid and a list need."""
+
+    EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0, count = 5 }, or a list of values"
+
+    count: Count | None = None
+
+
+def _list_or_table(value: object) -> str:
+    return "list" if isinstance(value, list | tuple) else "table"
+
+
+Values = Annotated[list[Scalar], Field(min_length=1)]
+Axis = Annotated[
+    Annotated[AxisData, Tag("table")] | Annotated[Values, Tag("list")],
+    Discriminator(_list_or_table),
+]
+"""The values of a parameter: a list, or a range."""
+
+
+class MetricData(Table):
+    """A figure of one signal."""
+
+    EXAMPLE: ClassVar[str] = '{ of = "rms", signal = "controller.error" }'
+
+    of: Text
+    signal: Text
+
+
+Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Figure = Annotated[
+    Annotated[MetricData, Tag("table")] | Annotated[Window, Tag("list")],
+    Discriminator(_list_or_table),
+]
+"""A figure, or, under the key ``window``, begin and end of the time in which figures are taken, in s."""
+
+
+class ExperimentData(Table):
+    """What is changed of the experiment of the system."""
+
+    stop_time: Seconds | None = None
+    step_size: Seconds | None = None
+    order: Text | list[Text] | None = None
+
+
+class RunsData(Table):
+    """What files have in common that ask for runs of a system."""
+
+    system: Text
+    """A system file, relative to this file."""
+    description: str = ""
+    timeout: Positive | None = None
+    """Limit for a run, s."""
+    metrics: Mapping[str, Figure] = {}
+    experiment: ExperimentData = ExperimentData()
+
+
+class SweepData(RunsData):
+    """A sweep file."""
+
+    method: Literal["grid", "list", "latin", "sobol"] = "grid"
+    count: Count | None = None
+    """Of latin and sobol: how many runs."""
+    seed: int = 1
+    parameters: Annotated[dict[str, Axis], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _counts(self) -> SweepData:
+        if self.method in ("latin", "sobol") and self.count is None:
+            raise ValueError(f"count: missing; {self.method} needs a number of runs, such as count = 64")
+        return self
+
+
+class TuningData(RunsData):
+    """A tuning file."""
+
+    objective: Text
+    """The metric that is to be small."""
+    generations: Count = 30
+    population: Count = 15
+    """Points of a generation for each parameter."""
+    seed: Count = 1
+    parameters: Annotated[dict[str, RangeData], Field(min_length=1)]
+    limits: Mapping[str, Number] = {}
+    """Largest values of metrics."""
+
+
+Frequencies = Annotated[list[Positive], Field(min_length=1)]
+
+
+class CaseData(Table):
+    """One object of a map."""
+
+    W: Frequencies | None = None
+    alpha: Positive | None = None
+    nct: bool = False
+    """Whether the controller gets the NCT of this alpha."""
+    first: Positive = 300.0
+    """Gain at which the scan begins."""
+    overrides: Mapping[str, Any] = {}
+
+
+class MapData(Table):
+    """A map file."""
+
+    system: Text
+    """A system file, relative to this file."""
+    description: str = ""
+    timeout: Positive | None = None
+    """Limit for a run, s."""
+    alpha: Positive
+    """Inclination of the NCT in the gain formulas, 1/s."""
+    K: Positive
+    """Way a unit of command and second, m/s."""
+    W: Frequencies
+    """Values of omega_n*T_s."""
+    pulse: Text | None = None
+    """The system that identifies the NCT of cases with ``nct = true``."""
+    controller: Text | None = None
+    """The instance that gets the NCT; default: that of the study's names."""
+    overrides: Mapping[str, Any] = {}
+    cases: Annotated[dict[str, CaseData], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _pulse_for_nct(self) -> MapData:
+        wanting = [name for name, case in self.cases.items() if case.nct]
+        if wanting and self.pulse is None:
+            raise ValueError(
+                f"cases.{wanting[0]}.nct: the NCT is identified from a pulse, and none is named. "
+                'Write pulse = "pulse.toml"'
+            )
+        return self

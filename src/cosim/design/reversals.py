@@ -1,0 +1,208 @@
+"""Runs of an axis through one reversal on a circle, from a state that is kept at the reversal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+from ..errors import DescriptionError
+from ..master.simulation import Checkpoint
+from ..result.metrics import Array, rms
+from ..system.system import System, make_system
+from .names import AxisNames, axis_names
+from .workers import Limit, Loadable, WorkerError, Workers, simulation_of
+
+LEAD_IN, LEAD_OUT = 0.6, 0.5
+"""Seconds before the reversal at which a run starts, and after it within which the error must peak."""
+
+Pulse = tuple[float, float]
+"""Amplitude in m/s, duration in s."""
+Job = tuple[float, Sequence[Pulse], float]
+"""Reverse acceleration, the pulses to try there, and the seconds to look at."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Instances of one axis in a system, and the names of their variables."""
+
+    trajectory: str
+    pulse: str
+    controller: str
+    plant: str
+    position: str = ""
+    """What follows the reference, plant.VARIABLE or controller.VARIABLE; "" for that of the names."""
+    names: AxisNames = field(default_factory=axis_names)
+
+    @classmethod
+    def named(cls, suffix: str, *, position: str = "", names: AxisNames | None = None) -> Axis:
+        """The axis whose instances end in ``_suffix``: trajectory_x, pulse_x ...; ``""`` for plain names.
+
+        ``names`` are those of other components than the study's.
+        """
+        names = names or axis_names()
+        end = f"_{suffix}" if suffix else ""
+        instances = (f"{role.instance}{end}" for role in (names.trajectory, names.pulse, names.controller, names.plant))
+        return cls(*instances, position=position, names=names)
+
+    @property
+    def recorded(self) -> list[str]:
+        """Reference and position, INSTANCE.VARIABLE."""
+        position = self.position or self.names.plant.position
+        role, _, variable = position.partition(".")
+        instances = {"plant": self.plant, "controller": self.controller}
+        if role not in instances:
+            raise DescriptionError(f"position '{position}': write plant.VARIABLE or controller.VARIABLE.")
+        return [f"{self.trajectory}.{self.names.trajectory.reference}", f"{instances[role]}.{variable}"]
+
+    def one_pulse(self, amplitude: float, duration: float) -> dict[str, object]:
+        """Tunable values of the source of pulses."""
+        names = self.names.pulse
+        return {f"{self.pulse}.{names.amplitude}": amplitude, f"{self.pulse}.{names.duration}": duration}
+
+    def circle(self, radius: float, acceleration: float) -> dict[str, object]:
+        """Start values ``LEAD_IN`` before a reversal with this acceleration, on the circle at constant speed."""
+        trajectory, plant = self.names.trajectory, self.names.plant
+        rate = math.sqrt(acceleration / radius)  # rad/s on the circle
+        angle = math.pi - rate * LEAD_IN
+        return {
+            **{f"{self.trajectory}.{name}": value for name, value in trajectory.start.items()},
+            f"{self.trajectory}.{trajectory.radius}": radius,
+            f"{self.trajectory}.{trajectory.feed}": rate * radius,
+            f"{self.trajectory}.{trajectory.phase}": angle,
+            **{f"{self.plant}.{name}": value for name, value in plant.start.items()},
+            f"{self.plant}.{plant.position_start}": radius * math.cos(angle),
+            f"{self.plant}.{plant.velocity_start}": -radius * rate * math.sin(angle),
+        }
+
+
+def axis_system(system: System, axis: Axis) -> System:
+    """The part of a system that is connected with the axis, with the plant's velocity led to its controller."""
+    document = system.document
+    ends = [(c.source[0], c.target[0]) for c in system.connections]
+    members = {axis.pulse}
+    grown = True
+    while grown:
+        more = {name for pair in ends if members & set(pair) for name in pair} - members
+        members |= more
+        grown = bool(more)
+    for name in (axis.trajectory, axis.controller, axis.plant):
+        system.instance(name)
+        if name not in members:
+            raise DescriptionError(f"{system.name}: {name} is not connected with {axis.pulse}.")
+    wires: list[Any] = [
+        {"from": ".".join(c.source), "to": ".".join(c.target), "factor": c.factor, "offset": c.offset}
+        for c in system.connections
+        if c.source[0] in members
+    ]
+    measured, velocity = axis.names.controller.velocity, axis.names.plant.velocity
+    if not any(c.target == (axis.controller, measured) for c in system.connections):
+        wires.append(f"{axis.plant}.{velocity} -> {axis.controller}.{measured}")
+    experiment = dict(cast("Mapping[str, Any]", document["experiment"]))
+    if not isinstance(system.order, str):
+        experiment["order"] = [name for name in system.order if name in members]
+    part = {
+        "connections": wires,
+        "experiment": {**experiment, "stop_time": LEAD_IN + 2.0 * LEAD_OUT},
+        "instances": {name: table for name, table in document["instances"].items() if name in members},
+        "record": {"variables": axis.recorded},
+    }
+    return make_system(part, name=system.name, folder=system.folder, fmus=system.fmus)
+
+
+@dataclass(frozen=True)
+class Reversals:
+    """What a process needs for runs through reversals."""
+
+    system: Loadable
+    axis: Axis
+    radius: float
+
+
+def reversal_errors(given: Reversals, job: Job) -> list[Array]:
+    """Position errors from a reversal on, one for each pulse of a job, by the FMUs that this process keeps loaded."""
+    acceleration, pulses, seconds = job
+    simulation, axis = simulation_of(given.system), given.axis
+    checkpoint = reversal(given, acceleration)
+    step = float(simulation.system.step_size)
+    # Communication points count: the last one of a whole number of samples.
+    stop = checkpoint.time + max(1, round(seconds / step)) * step
+    found: list[Array] = []
+    for amplitude, duration in pulses:
+        result = simulation.resume(checkpoint, axis.one_pulse(amplitude, duration), stop_time=stop)
+        found.append(result.rows[:, 0] - result.rows[:, 1])
+    return found
+
+
+_checkpoints: dict[tuple[int, float, float], Checkpoint] = {}
+"""Reversals of this process: simulation, radius and acceleration -> where the loop is then."""
+
+
+def reversal(given: Reversals, acceleration: float) -> Checkpoint:
+    """The loop at the reversal with this acceleration."""
+    simulation, axis = simulation_of(given.system), given.axis
+    key = id(simulation), given.radius, acceleration
+    if key not in _checkpoints:
+        plant, controller = axis.names.plant, axis.names.controller
+        system = simulation.system.changed(axis.circle(given.radius, acceleration))
+        # What the plant says its friction is at the start belongs into the integrator.
+        begin = simulation.pause(float(system.start_time), system)
+        friction = simulation.value(axis.plant, plant.friction) / simulation.value(axis.controller, controller.lead)
+        simulation.release(begin)
+        system = system.changed({f"{axis.controller}.{controller.integral_start}": friction})
+        _checkpoints[key] = simulation.pause(float(system.start_time) + LEAD_IN, system)
+    return _checkpoints[key]
+
+
+class AxisRuns:
+    """Closed-loop runs of an axis through a reversal; a context manager that keeps one worker a thread.
+
+    A job that takes longer than ``timeout`` seconds for each of its runs ends the learning.
+    """
+
+    def __init__(
+        self, system: System, axis: Axis, *, radius: float = 0.05, workers: int = 1, timeout: float | None = None
+    ) -> None:
+        names = axis.names.pulse
+        single = {f"{axis.pulse}.{name}": value for name, value in names.single.items()}
+        self.system = axis_system(system, axis).changed(single)
+        self.given = Reversals(Loadable.of(self.system), axis, radius)
+        self.T_s = float(self.system.step_size)
+        self.count = 0
+        self._longest = Limit(timeout)
+        self._pool = ThreadPoolExecutor(workers)
+        self._workers = Workers()
+
+    def __enter__(self) -> AxisRuns:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._workers.stop()
+        self._pool.shutdown()
+
+    def errors(self, jobs: Sequence[Job]) -> list[list[Array]]:
+        """Position errors from the reversal on, one for each pulse of each job. Raises WorkerError."""
+        found = list(self._pool.map(self._errors, jobs))
+        self.count += sum(len(pulses) for _, pulses, _ in jobs)
+        return found
+
+    def costs(self, jobs: Sequence[Job]) -> list[list[float]]:
+        """J of every pulse of every job."""
+        return [[rms(error) for error in errors] for errors in self.errors(jobs)]
+
+    def _errors(self, job: Job) -> list[Array]:
+        """The runs of a job, and one to the reversal, within the limit of a run for each."""
+        acceleration, pulses, _ = job
+        worker, count = self._workers.mine(), len(pulses) + 1
+        limit = Limit(self._longest.seconds * count)
+        try:
+            found = worker.run(self.given.system, reversal_errors, self.given, job, limit=limit)
+        except WorkerError as error:
+            raise WorkerError(
+                f"{self.system.name} at the reversal of {acceleration:g} m/s2, {count} runs: {error}"
+            ) from None
+        self._longest.learn(worker.seconds / count)
+        return found

@@ -1,0 +1,429 @@
+"""Processes that do runs: an FMU that crashes, exits or hangs costs a run, not the sweep, fit or tuning.
+
+A worker is a Python process that keeps the FMUs of a system loaded from run to run. It talks with its owner through
+two pipes, so nothing listens on a network. The owner watches the time; it ends a process that takes too long, and the
+next call starts a new one. A worker whose owner is gone ends itself.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import locale
+import math
+import os
+import pickle
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time as clock_time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Self, TypeVar, cast
+
+from ..errors import CosimError, DescriptionError, FileError, SimulationError
+from ..files import reason, temporary_folder
+from ..master.child import Channel, high
+from ..master.process import FmuProcess, signal_text
+from ..master.signals import ENDING
+from ..master.simulation import Simulation
+from ..result.result import Result
+from ..system.system import System, make_system
+
+T = TypeVar("T")
+Answer = tuple[str, Any, bool]
+"""What kind of answer, its content, and whether the process is as it was."""
+
+POLL_SECONDS = 0.1
+"""How often the time is looked at; an answer wakes the owner at once."""
+
+END_SECONDS = 2.0
+"""How long a process whose pipe has closed may take to end: FMUs may close pipes, too."""
+
+KILLS = 3
+"""A run whose process is killed from outside so often has failed."""
+
+LONGEST_TIMES, LEAST_SECONDS = 20.0, 10.0
+"""The limit for a run is this many times the longest run so far, but at least so many seconds.
+
+Runs of one system differ by the stiffness that parameters give it, and a loaded machine slows all of them.
+"""
+
+UNKNOWN_SECONDS = 3600.0
+"""The limit for a run while none has ended yet, and for loading: nothing tells how long it should take."""
+
+
+class WorkerError(CosimError):
+    """The process of a call crashed, was ended by an FMU, or took too long; the worker starts another one."""
+
+
+class WorkerKilled(WorkerError):
+    """The process of a call was killed from outside, perhaps because the memory was used up."""
+
+
+class LoadError(CosimError):
+    """The FMUs of a system cannot be loaded, which no parameter changes."""
+
+
+class Limit:
+    """The limit for a run: the one that was given, or one that follows from the runs measured so far."""
+
+    def __init__(self, given: float | None = None) -> None:
+        self.given = given
+        self.longest = math.nan
+
+    def learn(self, seconds: float) -> None:
+        """Take note of a run that has ended."""
+        if not seconds <= self.longest:
+            self.longest = seconds
+
+    @property
+    def seconds(self) -> float:
+        """The limit now."""
+        if self.given is not None:
+            return self.given
+        if math.isnan(self.longest):
+            return UNKNOWN_SECONDS
+        return max(LEAST_SECONDS, LONGEST_TIMES * self.longest)
+
+    def __str__(self) -> str:
+        if self.given is not None:
+            return f"{self.given:g} s"
+        if math.isnan(self.longest):
+            return f"{UNKNOWN_SECONDS:g} s; timeout sets another one"
+        return f"{self.seconds:.3g} s; the longest run so far took {self.longest:.3g} s; timeout sets another limit"
+
+
+# ---- in the process that does the runs ----
+
+
+@dataclass(frozen=True)
+class Loadable:
+    """A system in plain values, as a worker gets it."""
+
+    document: Mapping[str, Any]
+    name: str
+    folder: str
+    fmus: str | None
+    digest: str
+
+    @classmethod
+    def of(cls, system: System) -> Loadable:
+        """What it takes to read ``system`` again."""
+        fmus = None if system.fmus is None else str(Path(system.fmus).resolve())
+        return cls(system.document, system.name, str(Path(system.folder).resolve()), fmus, system.digest)
+
+
+_loaded: dict[str, Simulation] = {}
+"""The simulation of this process, kept from run to run."""
+
+
+def simulation_of(loadable: Loadable) -> Simulation:
+    """The simulation of a system in this process; that of another system is freed. Raises LoadError."""
+    found = _loaded.get(loadable.digest)
+    if found is not None:
+        return found
+    unload()
+    try:
+        system = make_system(loadable.document, name=loadable.name, folder=loadable.folder, fmus=loadable.fmus)
+        if system.digest != loadable.digest:
+            raise DescriptionError(
+                f"{loadable.name}: this worker finds other FMUs than its owner. "
+                f"Give all machines the same files below {loadable.folder}."
+            )
+        _loaded[loadable.digest] = Simulation(system).__enter__()
+    except DescriptionError:
+        raise
+    except CosimError as error:
+        raise LoadError(f"{loadable.name}: the FMUs cannot be loaded: {error}") from None
+    return _loaded[loadable.digest]
+
+
+def unload() -> None:
+    """Free the FMUs that runs in this process have kept loaded."""
+    for simulation in _loaded.values():
+        simulation.close()
+    _loaded.clear()
+
+
+atexit.register(unload)
+
+
+def load(loadable: Loadable) -> None:
+    """Load the FMUs of a system, so that no run waits for that."""
+    simulation_of(loadable)
+
+
+def evaluate(loadable: Loadable, changes: Mapping[str, object], judge: Callable[[Result], T]) -> T:
+    """What ``judge`` says of a run of the system with other start values. Raises CosimError."""
+    simulation = simulation_of(loadable)
+    try:
+        return judge(simulation.run(simulation.system.changed(changes)))
+    except CosimError:
+        unload()  # An FMU that failed may not be what it was.
+        raise
+
+
+def serve() -> None:
+    """The main program of a worker: calls come in on standard input, answers go out on standard output."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    asked = open(high(0), "rb")  # noqa: SIM115 (open to the end of the process)
+    answers = Channel(high(1))
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in (0, 1, 2):
+        os.dup2(nothing, number)
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):
+            # If memory runs out, a run is to be ended, not another process.
+            Path("/proc/self/oom_score_adj").write_text("1000")
+    calls: queue.SimpleQueue[tuple[Callable[..., Any], tuple[Any, ...]]] = queue.SimpleQueue()
+
+    def receive() -> None:
+        """Until the owner is gone; then the process ends with all that it has started, whatever an FMU does."""
+        with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):
+            while True:
+                calls.put(pickle.load(asked))
+        if hasattr(os, "killpg"):
+            os.killpg(0, signal.SIGKILL)
+        os._exit(1)
+
+    threading.Thread(target=receive, daemon=True).start()
+    clean = _surroundings()
+    while True:
+        function, arguments = calls.get()
+        try:
+            answer = "value", function(*arguments)
+        except DescriptionError as error:
+            answer = "description", error.problems
+        except CosimError as error:
+            answer = "load" if isinstance(error, LoadError) else "run", str(error)
+        except MemoryError:
+            answer = "run", "the memory is used up."
+        except BaseException:
+            answer = "bug", traceback.format_exc()
+        answers.send((*answer, _surroundings() == clean))
+
+
+def _surroundings() -> tuple[object, ...]:
+    """What an FMU may change for those that come after it: folder, decimal point, rounding, the smallest numbers."""
+    tiny, third = sys.float_info.min, 3.0
+    try:
+        folder = os.getcwd()
+    except OSError:
+        folder = ""
+    return folder, locale.localeconv()["decimal_point"], 1.0 / third, -1.0 / third, tiny / third
+
+
+# ---- on the owner's side ----
+
+
+_PROGRAM = (
+    "import pickle, sys\n"
+    "sys.path[:] = pickle.load(sys.stdin.buffer.raw)\n"
+    "from cosim.design.workers import serve\n"
+    "serve()\n"
+)
+
+
+class Worker:
+    """Calls functions in another process, one at a time; a context manager."""
+
+    def __init__(self) -> None:
+        self._process: FmuProcess | None = None
+        self._calls: BinaryIO | None = None
+        self._answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
+        self._folder = contextlib.ExitStack()
+        self._ready = ""
+        self._stopped = False
+        self.seconds = 0.0
+        """How long the last call took, or had taken when it failed."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    def evaluate(
+        self, loadable: Loadable, changes: Mapping[str, object], judge: Callable[[Result], T], limit: Limit
+    ) -> T:
+        """``evaluate`` there. Raises what it raises, WorkerError for a run that crashed or took too long, LoadError."""
+        return self.run(loadable, evaluate, loadable, changes, judge, limit=limit)
+
+    def run(self, loadable: Loadable, function: Callable[..., Any], *arguments: Any, limit: Limit) -> Any:
+        """``call`` once the system is loaded; again if the process is killed from outside: no run is to blame for that.
+
+        Raises what ``call`` raises, and LoadError.
+        """
+        for _ in range(KILLS - 1):
+            with contextlib.suppress(WorkerKilled):
+                self.prepare(loadable)
+                return self.call(function, *arguments, limit=limit)
+        self.prepare(loadable)
+        return self.call(function, *arguments, limit=limit)
+
+    def prepare(self, loadable: Loadable) -> None:
+        """Have the system loaded, within ``UNKNOWN_SECONDS``. Raises LoadError."""
+        if self._ready == loadable.digest and self._process is not None and not self._process.ended():
+            return
+        try:
+            self.call(load, loadable, limit=Limit(UNKNOWN_SECONDS))
+        except WorkerKilled:
+            raise
+        except WorkerError as error:
+            raise LoadError(f"{loadable.name}: loading the FMUs: {error}") from None
+        self._ready = loadable.digest
+
+    def call(self, function: Callable[..., Any], *arguments: Any, limit: Limit) -> Any:
+        """What ``function`` of a module returns there. Raises the CosimError that it raises, or WorkerError."""
+        process = self._started()
+        assert self._calls is not None
+        begun = clock_time.perf_counter()
+        with contextlib.suppress(OSError):
+            # If it is gone, the end of its answers says so.
+            pickle.dump((function, arguments), self._calls)
+            self._calls.flush()
+        while True:
+            self.seconds = clock_time.perf_counter() - begun
+            with contextlib.suppress(queue.Empty):
+                answer = self._answers.get(timeout=POLL_SECONDS)
+                self.seconds = clock_time.perf_counter() - begun
+                if answer is None:
+                    raise self._end(process)
+                if not answer[-1]:
+                    # An FMU has changed what others would meet.
+                    self.close()
+                return _opened(answer)
+            if self.seconds > limit.seconds:
+                self.close()
+                raise WorkerError(f"the run did not end within {limit}.")
+            if process.ended():
+                # Its last answer may be on the way.
+                with contextlib.suppress(queue.Empty):
+                    if (answer := self._answers.get(timeout=END_SECONDS)) is not None:
+                        return _opened(answer)
+                raise self._end(process)
+
+    def close(self) -> None:
+        """End the process, whatever it does."""
+        process, self._process, self._ready = self._process, None, ""
+        if process is not None:
+            process.kill()
+            if self._calls is not None:
+                with contextlib.suppress(OSError):
+                    self._calls.close()
+        self._folder.close()
+
+    def stop(self) -> None:
+        """End the process for good; from any thread."""
+        self._stopped = True
+        self.close()
+
+    def _started(self) -> FmuProcess:
+        if self._stopped:
+            raise WorkerError("the work was ended.")
+        if self._process is not None and not self._process.ended():
+            return self._process
+        self.close()
+        folder = self._folder.enter_context(temporary_folder())
+        pipe = subprocess.PIPE
+        try:
+            popen = subprocess.Popen(
+                [sys.executable, "-c", _PROGRAM],
+                stdin=pipe,
+                stdout=pipe,
+                stderr=subprocess.DEVNULL,
+                # What the FMUs are unpacked into is removed with the worker.
+                env={**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)},
+                # Ctrl-C is for the owner alone.
+                process_group=0 if sys.platform != "win32" else None,
+                creationflags=subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0,
+            )
+        except OSError as error:
+            raise FileError(f"a process for runs cannot be started: {reason(error)}.") from None
+        calls, answers = cast(BinaryIO, popen.stdin), cast(BinaryIO, popen.stdout)
+        with contextlib.suppress(OSError):
+            pickle.dump(sys.path, calls)
+            calls.flush()
+        self._calls, self._answers = calls, queue.SimpleQueue()
+        reader = threading.Thread(target=_read, args=(answers, self._answers), daemon=True)
+        reader.start()
+        self._process = process = FmuProcess(popen.pid, answers, answers, popen)
+        if self._stopped:
+            # Meanwhile, by another thread.
+            self.close()
+        return process
+
+    def _end(self, process: FmuProcess) -> WorkerError:
+        """How the process ended that is not there any more."""
+        deadline = clock_time.perf_counter() + END_SECONDS
+        while not process.ended() and clock_time.perf_counter() < deadline:
+            clock_time.sleep(1e-3)
+        code = process.code
+        self.close()
+        if code is None:
+            return WorkerError("an FMU closed the connection of its process.")
+        if hasattr(signal, "SIGKILL") and code == -signal.SIGKILL:
+            return WorkerKilled(f"the process of the FMUs was killed {KILLS} times: {signal_text(-code)}.")
+        if code < 0:
+            return WorkerError(f"the process of the FMUs crashed: {signal_text(-code)}.")
+        if code >= 0xC0000000:
+            # Windows ends processes that crash with the number of the exception.
+            return WorkerError(f"the process of the FMUs crashed with exception 0x{code:08X}.")
+        return WorkerError(f"an FMU ended its process with exit code {code}.")
+
+
+def _read(file: BinaryIO, answers: queue.SimpleQueue[Answer | None]) -> None:
+    """Put answers where the owner waits for them, and None after the last one."""
+    with contextlib.suppress(OSError, ValueError, EOFError, pickle.UnpicklingError), file:
+        while header := file.read(8):
+            content = file.read(int.from_bytes(header, "little"))
+            answers.put(pickle.loads(content))
+    answers.put(None)
+
+
+def _opened(answer: Answer) -> Any:
+    kind, content, _ = answer
+    if kind == "value":
+        return content
+    errors = {"description": DescriptionError, "load": LoadError, "run": SimulationError}
+    raise errors.get(kind, RuntimeError)(content)
+
+
+class Workers:
+    """A worker for each thread that asks for one; a context manager that ends them all."""
+
+    def __init__(self) -> None:
+        self._own = threading.local()
+        self._all: list[Worker] = []
+        self._stopped = False
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    def mine(self) -> Worker:
+        """The worker of this thread."""
+        found: Worker | None = getattr(self._own, "worker", None)
+        if found is None:
+            found = self._own.worker = Worker()
+            with self._lock:
+                if self._stopped:
+                    found.stop()
+                self._all.append(found)
+        return found
+
+    def stop(self) -> None:
+        """End all workers for good; calls that are on the way fail."""
+        with self._lock:
+            self._stopped = True
+            for worker in self._all:
+                worker.stop()

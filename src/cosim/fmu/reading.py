@@ -1,0 +1,125 @@
+"""A modelDescription.xml as FMPy reads it, and what is wrong in it.
+
+Tools write descriptions that break a rule here or there. As long as the facts are there that a run needs, a broken rule
+is a finding and not the end: what FMPy cannot read is mended first, and every change is a finding, too.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from typing import Any
+
+from ..errors import DescriptionError
+from ..files import temporary_folder
+from .xml import parse
+
+fmi: Any = import_module("fmpy.model_description")
+
+RULES: dict[str, tuple[str, ...]] = {
+    "parameter": ("fixed", "tunable"),
+    "calculatedParameter": ("fixed", "tunable"),
+    "input": ("discrete", "continuous"),
+    "output": ("constant", "discrete", "continuous"),
+    "local": ("constant", "fixed", "tunable", "discrete", "continuous"),
+    "independent": ("continuous",),
+}
+"""The variabilities that each causality of FMI 2.0 allows, the first for a variable that has none which is allowed."""
+
+
+def read_description(source: str, xml: bytes) -> tuple[Any, list[str]]:
+    """FMPy's ModelDescription and the findings. Raises DescriptionError for what is no description of an FMU."""
+    said = f"{source}: modelDescription.xml"
+    try:
+        root = parse(xml)
+    except Exception as error:  # lxml's own, for whatever a damaged file holds
+        raise DescriptionError(f"{said}: cannot be read: {error}") from None
+    if root.tag != "fmiModelDescription" or root.get("fmiVersion") is None:
+        raise DescriptionError(f"{said}: this is not the description of an FMU.")
+    findings = _mend(root)
+    with temporary_folder() as folder:
+        file = folder / "modelDescription.xml"
+        # As it is where nothing was mended, so that the line numbers of findings are those of the file.
+        file.write_bytes(import_module("lxml.etree").tostring(root) if findings else xml)
+        try:
+            return fmi.read_model_description(str(file), validate=True), findings
+        except fmi.ValidationError as error:
+            findings += error.problems
+        except Exception as error:  # FMPy raises bare exceptions
+            findings.append(f"FMPy cannot validate it: {_text(error, str(file))}")
+        try:
+            return fmi.read_model_description(str(file), validate=False), findings
+        except Exception as error:
+            raise DescriptionError([f"{said}: cannot be read: {_text(error, str(file))}", *findings]) from None
+
+
+def _text(error: Exception, file: str) -> str:
+    text = str(error).replace(file, "modelDescription.xml").strip()
+    return f"{type(error).__name__} {text}".strip() if isinstance(error, LookupError) else text or type(error).__name__
+
+
+def _mend(root: Any) -> list[str]:
+    """Change what FMPy cannot read; what was changed."""
+    findings: list[str] = []
+    version = root.get("fmiVersion")
+    if re.fullmatch(r"2\.0\..+", version):
+        root.set("fmiVersion", "2.0")
+        findings.append(f'fmiVersion is "{version}". FMI 2.0 wants "2.0" for all its releases; read as such.')
+    defined = {element.get("name") for element in root.iterfind("TypeDefinitions/*")}
+    variables = root.findall("ModelVariables/*")
+    for variable in variables:
+        name = variable.get("name")
+        for value in (variable, *variable):
+            declared = value.get("declaredType")
+            if declared is not None and declared not in defined:
+                del value.attrib["declaredType"]
+                findings.append(f"variable '{name}': its declaredType '{declared}' is not defined. Left out.")
+    if root.get("fmiVersion") == "2.0":
+        for variable in variables:
+            findings += _mend_variability(variable)
+        findings += _mend_structure(root, len(variables))
+    return findings
+
+
+def _mend_variability(variable: Any) -> list[str]:
+    """Give a variable of FMI 2.0 a variability that its causality allows."""
+    causality, given = variable.get("causality", "local"), variable.get("variability")
+    allowed = RULES.get(causality, ())
+    chosen = given or "continuous"
+    if chosen == "continuous" and variable.find("Real") is None and causality in ("input", "output", "local"):
+        chosen = "discrete"
+    elif chosen not in allowed and allowed:
+        chosen = allowed[0]
+    if chosen == (given or "continuous"):
+        return []
+    variable.set("variability", chosen)
+    had = f'variability "{given}"' if given else "no variability, which means continuous,"
+    return [f"variable '{variable.get('name')}' has {had} and is no such {causality}. Read as {chosen}."]
+
+
+def _mend_structure(root: Any, count: int) -> list[str]:
+    """Take out of ModelStructure, and of derivatives, the numbers of variables that are not there."""
+    findings: list[str] = []
+    for unknown in root.findall("ModelStructure/*/Unknown"):
+        if not _in_range(unknown.get("index"), count):
+            unknown.getparent().remove(unknown)
+            findings.append(f"ModelStructure: there is no variable of index {unknown.get('index')}. Left out.")
+        elif not all(_in_range(number, count) for number in (unknown.get("dependencies") or "").split()):
+            unknown.attrib.pop("dependencies")
+            unknown.attrib.pop("dependenciesKind", None)
+            findings.append(
+                f"ModelStructure: the unknown of index {unknown.get('index')} depends on a variable that is not there. "
+                "Taken to depend on all inputs."
+            )
+    for value in root.findall("ModelVariables/*/Real"):
+        if value.get("derivative") is not None and not _in_range(value.get("derivative"), count):
+            findings.append(
+                f"variable '{value.getparent().get('name')}' is the derivative of a variable of index "
+                f"{value.get('derivative')}, which is not there. Left out."
+            )
+            del value.attrib["derivative"]
+    return findings
+
+
+def _in_range(text: str | None, count: int) -> bool:
+    return text is not None and text.isdecimal() and 1 <= int(text) <= count

@@ -1,0 +1,266 @@
+"""Tables in files: TOML read and checked against a model, with every problem at once, and TOML written.
+
+A model is a pydantic class. Problems are told in the words of the other files: file, key, what is wrong, what to write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, ClassVar, TypeVar, Union, cast, get_args, get_origin
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from ..errors import DescriptionError, suggest
+from ..files import write_file
+from .text import read_toml
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Table(BaseModel):
+    """A table of a file; a key that it does not know is a problem."""
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", frozen=True, strict=True)
+    EXAMPLE: ClassVar[str] = ""
+    """How such a table is written, told where something is missing."""
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | Decimal):
+        raise PydanticCustomError("not_a_number", "must be a number, not {value}", {"value": _shown(value)})
+    return float(value)
+
+
+def _scalar(value: object) -> bool | float | str:
+    return value if isinstance(value, bool | str) else _number(value)
+
+
+def _seconds(value: object) -> Any:
+    if isinstance(value, str):
+        return value
+    _number(value)
+    return value
+
+
+Text = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
+Positive = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False, gt=0.0)]
+Count = Annotated[int, Field(ge=1)]
+Scalar = Annotated[Any, BeforeValidator(_scalar), WithJsonSchema({"type": ["boolean", "number", "string"]})]
+"""A start value: a number, a text or true or false."""
+Seconds = Annotated[Any, BeforeValidator(_seconds), WithJsonSchema({"type": ["number", "string"]})]
+"""A number as it is written in the file, or a quotient such as "1/30"."""
+
+
+# ---- reading ----
+
+
+def read_table(path: Path, model: type[Model]) -> Model:
+    """The file at ``path`` as ``model``. Raises DescriptionError with every problem."""
+    table, problems = checked(_floats(read_toml(path)), model, path.name)
+    if problems or table is None:
+        raise DescriptionError(problems)
+    return table
+
+
+def checked(document: Mapping[str, Any], model: type[Model], name: str) -> tuple[Model | None, list[str]]:
+    """``document`` as ``model`` and the problems in it; keys that are not known do not stop the others."""
+    problems: list[str] = []
+    for _ in range(2):
+        try:
+            return model.model_validate(document), problems
+        except ValidationError as error:
+            details = error.errors()
+        told = [f"{name}: {_told(model, detail)}" for detail in details]
+        problems = list(dict.fromkeys([*problems, *told]))
+        unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
+        if len(unknown) < len(details):
+            break
+        for location in unknown:
+            document = _without(document, _steps(model, location)[0])
+    return None, problems
+
+
+def _told(model: type[BaseModel], detail: ErrorDetails) -> str:
+    """One problem as a sentence: the key and what is wrong with it."""
+    kind, given = detail["type"], detail["input"]
+    steps, known = _steps(model, detail["loc"])
+    context = detail.get("ctx", {})
+    if kind == "extra_forbidden":
+        text = f"unknown key.{suggest(str(steps[-1]), known)}"
+    elif kind == "missing" or given is None:
+        example = _example(model, steps[:-1])
+        text = f"missing: write {example}." if example else "missing."
+    elif kind == "too_short":
+        text = "none given."
+    elif kind == "literal_error":
+        allowed = [part.strip().strip("'") for part in str(context["expected"]).replace(" or ", ",").split(",")]
+        text = f"{_shown(given)} is none.{suggest(str(given), allowed)}"
+    elif kind in _WORDS:
+        example = _example(model, steps)
+        text = f"must be {_WORDS[kind]}, not {_shown(given)}{f': write {example}' if example else ''}."
+    elif kind == "value_error":
+        text = f"{context['error']}."
+    elif kind == "not_a_number":
+        text = f"{detail['msg']}."
+    else:
+        text = f"{detail['msg'].replace('Input should be', 'must be')}, not {_shown(given)}."
+    return f"{_place(steps)}: {text}" if steps else text
+
+
+_WORDS = {
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "string_too_short": "a text that is not empty",
+    "finite_number": "a finite number",
+}
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list | tuple):
+        return "a list"
+    return f"'{value}'" if isinstance(value, str) else f"{value}"
+
+
+def _place(steps: Sequence[str | int]) -> str:
+    text = ""
+    for step in steps:
+        text += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if text else step
+    return text
+
+
+def _steps(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list[str | int], list[str]]:
+    """The keys of ``location`` without pydantic's names for members of unions, and the keys known in the last table."""
+    steps: list[str | int] = []
+    known: list[str] = []
+    kind: Any = model
+    for part in location:
+        kind, choices = _resolved(kind)
+        if choices:
+            # The part names a member of a union.
+            member = next((item for tag, item in choices if tag == part), None)
+            if member is not None:
+                kind = member
+                continue
+        steps.append(part)
+        known = []
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            fields = {field.alias or name: field for name, field in kind.model_fields.items()}
+            known = list(fields)
+            kind = fields[part].annotation if part in fields else None
+        elif get_origin(kind) in (dict, list, tuple, Mapping):
+            kind = get_args(kind)[-1]
+        else:
+            kind = None
+    return steps, known
+
+
+def _resolved(kind: Any) -> tuple[Any, list[tuple[str, Any]]]:
+    """A type without its annotations, and the tagged members if it is a union of such."""
+    while get_origin(kind) is Annotated:
+        kind = get_args(kind)[0]
+    if get_origin(kind) not in (Union, UnionType):
+        return kind, []
+    members = [item for item in get_args(kind) if item is not type(None)]
+    tagged = [
+        (str(getattr(note, "tag", "")), get_args(item)[0])
+        for item in members
+        if get_origin(item) is Annotated
+        for note in get_args(item)[1:]
+    ]
+    if not tagged and len(members) == 1:
+        return _resolved(members[0])
+    return kind, tagged
+
+
+def _example(model: type[BaseModel], steps: Sequence[str | int]) -> str:
+    """How the table at a place is written; "" if its model does not say so."""
+    kind: Any = model
+    for step in steps:
+        kind, choices = _resolved(kind)
+        if choices:
+            kind = next((item for tag, item in choices if tag == "table"), None)
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            kind = kind.model_fields[step].annotation if step in kind.model_fields else None
+        else:
+            kind = get_args(kind)[-1] if get_args(kind) else None
+    kind, choices = _resolved(kind)
+    kind = next((item for tag, item in choices if tag == "table"), kind)
+    return kind.EXAMPLE if isinstance(kind, type) and issubclass(kind, Table) else ""
+
+
+def _without(document: Mapping[str, Any], steps: Sequence[str | int]) -> dict[str, Any]:
+    """A copy of ``document`` without the key at the end of ``steps``."""
+    copy: Any = dict(document)
+    top = copy
+    for step in steps[:-1]:
+        inner: Any = copy[step]
+        copy[step] = (
+            dict(cast("Mapping[str, Any]", inner)) if isinstance(inner, Mapping) else list(cast("list[Any]", inner))
+        )
+        copy = copy[step]
+    del copy[steps[-1]]
+    return top
+
+
+def _floats(value: Any) -> Any:
+    """``value`` with all numbers that were read exactly as float."""
+    if isinstance(value, Mapping):
+        return {key: _floats(item) for key, item in cast("Mapping[str, Any]", value).items()}
+    if isinstance(value, list):
+        return [_floats(item) for item in cast("list[Any]", value)]
+    return float(value) if isinstance(value, Decimal) else value
+
+
+# ---- writing ----
+
+
+def toml(document: Mapping[str, Any], comment: str = "") -> str:
+    """The text of a TOML file, after ``comment``."""
+    import tomli_w
+
+    heading = "".join(f"# {line}\n" for line in comment.splitlines())
+    return heading + tomli_w.dumps(document)
+
+
+def write_toml(path: Path, document: Mapping[str, Any], comment: str = "") -> Path:
+    """Write a TOML file in one go. Raises FileError."""
+    return write_file(path, toml(document, comment))
+
+
+def write_start(
+    path: Path, values: Mapping[str, Any], *, base: str | None = None, comment: str = "", digits: int = 12
+) -> Path:
+    """Write a system file with start values, INSTANCE.VARIABLE -> value; ``base`` is the file it completes.
+
+    Numbers get ``digits`` significant digits. Raises FileError.
+    """
+    instances: dict[str, dict[str, dict[str, Any]]] = {}
+    for name, value in values.items():
+        instance, _, variable = name.partition(".")
+        instances.setdefault(instance, {"start": {}})["start"][variable] = _rounded(value, digits)
+    document = {"instances": instances} if base is None else {"base": base, "instances": instances}
+    return write_toml(path, document, comment)
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, list):
+        return [_rounded(item, digits) for item in cast("list[Any]", value)]
+    return value

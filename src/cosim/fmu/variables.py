@@ -1,0 +1,197 @@
+"""The variables of an FMU: scalars of FMI 2.0, and those of FMI 3.0, arrays element by element."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal, cast
+
+from ..errors import DescriptionError
+
+Type = Literal["Real", "Integer", "Boolean", "String", "Enumeration", "Binary", "Clock"]
+"""Types in the words of FMI 2.0, and those that only FMI 3.0 has."""
+
+Value = float | int | bool | str
+
+MAX_VARIABLES = 2**20
+"""Variables of an FMU, the elements of its arrays counted: more would be a description meant to fill the memory."""
+
+
+@dataclass(frozen=True)
+class DisplayUnit:
+    """``value in this unit = factor * value + offset``."""
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar variable of an FMU, or an element of an array of FMI 3.0; in the words of FMI 2.0."""
+
+    name: str
+    reference: int
+    type: Type
+    passed_as: str
+    """The type in the names of the FMI functions: ``Integer`` of fmi2SetInteger, ``Int64`` of fmi3SetInt64."""
+    causality: str
+    variability: str
+    initial: str | None
+    unit: str | None
+    display_unit: DisplayUnit | None
+    start: Value | None
+    start_text: str | None
+    min: float | None
+    max: float | None
+    text: str
+    items: Mapping[str, int]
+    """Names and values of an Enumeration, empty for other types."""
+    derivative_of: str | None = None
+    """The state whose time derivative this is."""
+    whole: tuple[str, ...] = ()
+    """Of an element of an array of FMI 3.0, which is set and read as a whole: the names of all elements, in order."""
+
+    @property
+    def settable(self) -> bool:
+        """Whether a start value may be given before initialization."""
+        if self.type in ("Binary", "Clock") or self.causality == "structuralParameter":
+            return False
+        if self.causality in ("parameter", "input"):
+            return True
+        return self.variability != "constant" and self.initial in ("exact", "approx")
+
+
+def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:
+    """The variables of FMPy's ModelDescription by name; what is wrong with them goes to ``findings``."""
+    version, units = int(model.fmiMajorVersion), {unit.name: unit for unit in model.unitDefinitions}
+    count = sum(math.prod(v.shape) for v in model.modelVariables)
+    if count > MAX_VARIABLES:
+        raise DescriptionError(f"{model.modelName}: {count} variables, at most {MAX_VARIABLES} are read.")
+    found: dict[str, Variable] = {}
+    for v in model.modelVariables:
+        if v.causality == "independent":
+            continue
+        for variable in _scalars(v, version, units, findings):
+            other = found.setdefault(variable.name, variable)
+            if (other.type, other.reference) != (variable.type, variable.reference):
+                raise DescriptionError(f"{model.modelName}: two variables have the name '{variable.name}'.")
+    return found
+
+
+def read_dependencies(model: Any, variables: Mapping[str, Variable]) -> dict[str, tuple[str, ...]]:
+    """The inputs on which each output depends directly: all of them where the file does not say."""
+    inputs = tuple(v.name for v in variables.values() if v.causality == "input")
+    version = int(model.fmiMajorVersion)
+
+    def key(v: Any) -> tuple[str, int]:
+        """What aliases share, and no other variables."""
+        return _passed_as(v.type, version), int(v.valueReference)
+
+    stated: dict[tuple[str, int], tuple[str, ...]] = {}
+    for unknown in model.outputs:
+        if unknown.dependencies is not None:
+            needed = {key(known) for known in unknown.dependencies}
+            stated[key(unknown.variable)] = tuple(
+                name for name in inputs if (variables[name].passed_as, variables[name].reference) in needed
+            )
+    return {
+        name: stated.get((v.passed_as, v.reference), inputs) for name, v in variables.items() if v.causality == "output"
+    }
+
+
+_TYPES: dict[str, Type] = {
+    "Float64": "Real",
+    "Float32": "Real",
+    **{f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)},
+}
+"""The types of FMI 3.0 that have a name of their own in FMI 2.0."""
+
+
+def _passed_as(type_name: str, version: int) -> str:
+    return ("Int64" if version == 3 else "Integer") if type_name == "Enumeration" else type_name
+
+
+def _suffixes(shape: tuple[int, ...]) -> list[str]:
+    """What the elements of an array have behind its name, the last index fastest; one empty text for a scalar."""
+    if not shape:
+        return [""]
+    return [f"[{','.join(map(str, index))}]" for index in itertools.product(*(range(1, n + 1) for n in shape))]
+
+
+def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]) -> list[Variable]:
+    """The elements of a variable: itself, or those of an array."""
+    kind = _TYPES.get(v.type, cast(Type, v.type))
+    declared = v.declaredType
+
+    def of(attribute: str) -> Any:
+        own = getattr(v, attribute)
+        return own if own is not None or declared is None else getattr(declared, attribute)
+
+    unit = cast("str | None", of("unit")) if kind == "Real" else None
+    display = cast("str | None", of("displayUnit")) if kind == "Real" else None
+    shown: DisplayUnit | None = None
+    if display is not None and unit is not None and unit in units:
+        for candidate in units[unit].displayUnits:
+            if candidate.name == display:
+                shown = DisplayUnit(display, float(candidate.factor), float(candidate.offset))
+    bounded = kind in ("Real", "Integer", "Enumeration")
+    low, high = (_number(v.name, bound, of(bound), findings) if bounded else None for bound in ("min", "max"))
+    items = {item.name: int(item.value) for item in declared.items} if kind == "Enumeration" and declared else {}
+    suffixes = _suffixes(v.shape)
+    whole = tuple(f"{v.name}{suffix}" for suffix in suffixes) if v.shape else ()
+    starts = _starts(v, len(suffixes), findings)
+    return [
+        Variable(
+            name=f"{v.name}{suffix}",
+            reference=int(v.valueReference),
+            type=kind,
+            passed_as=_passed_as(v.type, version),
+            causality=v.causality,
+            variability=v.variability,
+            initial=v.initial,
+            unit=unit,
+            display_unit=shown,
+            start=_start(v.name, kind, start, findings),
+            start_text=start,
+            min=low,
+            max=high,
+            text=v.description or "",
+            items=MappingProxyType(items),
+            derivative_of=None if v.derivative is None else f"{v.derivative.name}{suffix}",
+            whole=whole,
+        )
+        for suffix, start in zip(suffixes, starts, strict=True)
+    ]
+
+
+def _starts(v: Any, count: int, findings: list[str]) -> list[str | None]:
+    """The text of the start value of every element; one value stands for all."""
+    if v.start is None or not v.shape or v.type in ("String", "Binary"):
+        return [v.start] * count
+    given = v.start.split()
+    if len(given) == 1:
+        return given * count
+    if len(given) != count:
+        findings.append(f"variable '{v.name}' has {len(given)} start values for {count} elements. Left out.")
+        return [None] * count
+    return given
+
+
+def _start(name: str, kind: Type, text: str | None, findings: list[str]) -> Value | None:
+    if text is None or kind in ("String", "Binary", "Clock"):
+        return text
+    if kind == "Boolean":
+        return text in ("true", "1")
+    return _number(name, "start", text, findings, int if kind != "Real" else float)
+
+
+def _number(name: str, attribute: str, text: str | None, findings: list[str], read: Any = float) -> Any:
+    try:
+        return None if text is None else read(text)
+    except ValueError:
+        findings.append(f"variable '{name}': {attribute} is '{text}', which is no number of its type. Left out.")
+        return None

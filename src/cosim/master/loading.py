@@ -1,0 +1,45 @@
+"""The instances of a system: loaded together, freed together."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator
+from pathlib import Path
+
+from ..files import temporary_folder
+from ..system.system import System
+from .board import Board
+from .fmi3 import Fmi3Instance
+from .instance import FmuInstance
+
+
+@contextlib.contextmanager
+def loaded(
+    system: System, *, debug: bool, folder: Path | None = None, board: Board | None = None
+) -> Generator[list[FmuInstance]]:
+    """The instances of ``system``, freed at the end; FMUs are unpacked in ``folder``, or in a temporary one.
+
+    Raises DescriptionError, SimulationError.
+    """
+    instances: list[FmuInstance] = []
+    with contextlib.ExitStack() as resources:
+        place = folder or resources.enter_context(temporary_folder())
+        unpacked: dict[str, tuple[Path, Path]] = {}
+        try:
+            for instance in system.instances:
+                digest = instance.fmu.digest
+                if digest not in unpacked:
+                    target = place / str(len(unpacked))
+                    target.mkdir()
+                    unpacked[digest] = target, instance.fmu.extract(target)
+                kind = Fmi3Instance if instance.fmu.fmi == 3 else FmuInstance
+                made = kind(len(instances), instance, *unpacked[digest], debug=debug, board=board)
+                instances.append(made)
+                made.load()
+            yield instances
+        finally:
+            # Fatal means that all instances of that FMU are beyond repair: no further call of any of them.
+            lost = {made.fmu.digest for made in instances if made.fatal}
+            for made in instances:
+                made.fatal = made.fmu.digest in lost
+                made.free()

@@ -1,0 +1,204 @@
+"""FMUs whose files break a rule: shown, told, and run where the facts are there that a run needs."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmu_files import PROBE, description, library_name, probe_library, write_fmu, write_probe, write_zip
+
+from cosim import DescriptionError, make_system, simulate
+from cosim.commands.cli import main
+from cosim.fmu.description import read_fmu
+
+Change = Callable[[str], str]
+
+
+def replaced(old: str, new: str) -> Change:
+    def change(text: str) -> str:
+        assert old in text
+        return text.replace(old, new, 1)
+
+    return change
+
+
+def document(path: Path, **start: Any) -> dict[str, Any]:
+    return {
+        "instances": {"a": {"fmu": str(path), "start": {"u": 1.0, **start}}},
+        "experiment": {"stop_time": 1.0, "step_size": 0.1},
+        "record": {"variables": ["a.y", "a.count", "a.flag"]},
+    }
+
+
+def variable(name: str, change: str) -> Change:
+    """Another tail of the ScalarVariable element of ``name``."""
+
+    def changed(text: str) -> str:
+        begin = text.index(f'name="{name}"')
+        end = text.index("</ScalarVariable>", begin)
+        old = text[begin:end]
+        new = change if change.startswith("name=") else old.replace(*change.split(" => "))
+        assert new != old
+        return text[:begin] + new + text[end:]
+
+    return changed
+
+
+VOLT = '<Unit name="V"></Unit>'
+UNDECLARED = 'variability="discrete"> => >'
+
+BROKEN: dict[str, tuple[Change, str]] = {
+    "version 2.0.4": (replaced('fmiVersion="2.0"', 'fmiVersion="2.0.4"'), 'fmiVersion is "2.0.4"'),
+    "version 2.0.1": (replaced('fmiVersion="2.0"', 'fmiVersion="2.0.1"'), 'fmiVersion is "2.0.1"'),
+    "version 2.0-x": (replaced('fmiVersion="2.0"', 'fmiVersion="2.0.5-dev"'), 'fmiVersion is "2.0.5-dev"'),
+    "Integer input without variability": (variable("count_in", UNDECLARED), "Read as discrete."),
+    "Boolean input without variability": (variable("flag_in", UNDECLARED), "Read as discrete."),
+    "Integer output without variability": (variable("count", UNDECLARED), "Read as discrete."),
+    "Integer parameter without variability": (
+        variable("fail_status", 'variability="fixed"> => >'),
+        "variable 'fail_status' has no variability, which means continuous, and is no such parameter. Read as fixed.",
+    ),
+    "String parameter without variability": (variable("label", 'variability="fixed"> => >'), "Read as fixed."),
+    "unit not defined": (replaced(VOLT, ""), 'The unit "V" of variable "u"'),
+    "unit of a parameter not defined": (
+        replaced('<Unit name="s"></Unit>', ""),
+        'The unit "s" of variable "time_constant"',
+    ),
+    "display unit of a unit not defined": (
+        lambda text: variable("y", '<Real unit => <Real displayUnit="kV" unit')(replaced(VOLT, "")(text)),
+        "FMPy cannot validate it",
+    ),
+    "parameter without start": (variable("gain", ' start="1.0" => '), 'Variable "gain" (line 2) has no start value.'),
+    "Integer parameter without start": (variable("sleep", ' start="0" => '), 'Variable "sleep" (line 2) has no start'),
+    "input without start": (variable("count_in", ' start="0" => '), 'Variable "count_in" (line 2) has no start value.'),
+    "start that is no number": (variable("gain", 'start="1.0" => start="one"'), "start is 'one', which is no number"),
+    "bound that is no number": (
+        variable("time_constant", 'min="1e-6" => min="small"'),
+        "variable 'time_constant': min is 'small', which is no number of its type. Left out.",
+    ),
+    "type not defined": (
+        variable("gain", '<Real  => <Real declaredType="Gain" '),
+        "variable 'gain': its declaredType 'Gain' is not defined. Left out.",
+    ),
+    "output that is not there": (
+        replaced("<Outputs>", '<Outputs><Unknown index="99"/>'),
+        "ModelStructure: there is no variable of index 99. Left out.",
+    ),
+    "dependency that is not there": (
+        replaced('<Unknown index="3" dependencies="1"/>', '<Unknown index="3" dependencies="99"/>'),
+        "the unknown of index 3 depends on a variable that is not there",
+    ),
+    "derivative that is not there": (
+        variable("y", '<Real unit => <Real derivative="99" unit'),
+        "variable 'y' is the derivative of a variable of index 99, which is not there. Left out.",
+    ),
+    "element that no schema knows": (replaced("<LogCategories>", "<Vendor/><LogCategories>"), "Vendor"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_rule_is_told_and_the_fmu_runs(tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    change, said = BROKEN[case]
+    members = {"modelDescription.xml": change(description(PROBE)), library_name(): probe_library().read_bytes()}
+    path = write_zip(tmp_path / "Probe.fmu", members)
+    assert any(said in finding for finding in read_fmu(path).findings)
+    system = make_system(document(path), name="broken")
+    assert any("Probe.fmu: " in note for note in system.notes)
+    whole = make_system(document(write_probe(tmp_path, "Whole")), name="whole")
+    assert np.array_equal(simulate(system).rows, simulate(whole).rows)
+    assert main(["info", str(path)]) == 0
+    assert "time_constant" in capsys.readouterr().out
+
+
+def test_a_right_file_has_no_findings(tmp_path: Path) -> None:
+    fmu = read_fmu(write_probe(tmp_path))
+    assert (fmu.findings, fmu.obstacles) == ((), ())
+
+
+@pytest.mark.parametrize("identifier", ["watertank-c", "model.v2", "3d"])
+def test_an_identifier_that_c_does_not_know_runs(tmp_path: Path, identifier: str) -> None:
+    path = write_fmu(tmp_path / "Probe.fmu", PROBE, binary=probe_library().read_bytes(), identifier=identifier)
+    assert f"modelIdentifier {identifier!r} is not a C identifier." in read_fmu(path).findings
+    assert simulate(make_system(document(path), name="named")).rows.shape == (11, 3)
+
+
+@pytest.mark.parametrize("identifier", ["../probe", "/tmp/probe", "..", ""])
+def test_an_identifier_leads_nowhere_else(tmp_path: Path, identifier: str) -> None:
+    text = description(PROBE, identifier=identifier)
+    path = write_zip(tmp_path / "Probe.fmu", {"modelDescription.xml": text, library_name(): b""})
+    assert read_fmu(path).library is None
+
+
+@pytest.mark.parametrize("name", ["other", "probe_x64", "Probe"])
+def test_a_binary_of_another_name_is_told(tmp_path: Path, name: str) -> None:
+    path = write_zip(
+        tmp_path / "Probe.fmu",
+        {"modelDescription.xml": description(PROBE), library_name(name): probe_library().read_bytes()},
+    )
+    with pytest.raises(DescriptionError) as caught:
+        make_system(document(path), name="other")
+    wanted = library_name().rpartition("/")[2]
+    said = (
+        f"the binary for this platform is {library_name(name)}, but by the modelIdentifier it must be called {wanted}."
+    )
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("member", ["resources/table.txt", "documentation/index.html", "sources/model.c"])
+@pytest.mark.parametrize("same", [False, True])
+def test_a_member_that_is_there_twice(tmp_path: Path, member: str, same: bool) -> None:
+    path = write_probe(tmp_path)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(member, "one")
+        with pytest.warns(UserWarning, match="Duplicate name"):
+            archive.writestr(member, "one" if same else "two")
+    told = f"'{member}' is in the archive more than once, with different content. The last counts."
+    expected = () if same else (told,)
+    fmu = read_fmu(path)
+    assert fmu.findings == expected
+    folder = tmp_path / "there"
+    fmu.extract(folder)
+    if member.startswith("resources/"):
+        assert (folder / member).read_text(encoding="utf-8") == ("one" if same else "two")
+
+
+@pytest.mark.parametrize("members", [{}, {"resources/": b""}, {"resources/inner/": b""}])
+def test_the_folder_of_resources_is_there(tmp_path: Path, members: dict[str, bytes]) -> None:
+    text = description(PROBE)
+    path = write_zip(tmp_path / "Probe.fmu", {"modelDescription.xml": text, library_name(): b"", **members})
+    folder = tmp_path / "there"
+    read_fmu(path).extract(folder)
+    assert (folder / "resources").is_dir()
+    assert all((folder / name).is_dir() for name in members)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            '<fmiModelDescription fmiVersion="1.0" modelName="Old" modelIdentifier="old" guid="g" '
+            'numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables>'
+            '<ScalarVariable name="time_constant" valueReference="0"><Real/></ScalarVariable>'
+            "</ModelVariables></fmiModelDescription>",
+            "cannot run here: FMI 1.0.",
+        ),
+        (
+            description(PROBE)
+            .replace("<CoSimulation ", "<ModelExchange ")
+            .replace('canHandleVariableCommunicationStepSize="true"', ""),
+            "cannot run here: only for model exchange.",
+        ),
+        (description(PROBE), "cannot run here: no binary for this platform"),
+    ],
+)
+def test_info_shows_what_cannot_run(tmp_path: Path, text: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_zip(tmp_path / "Shown.fmu", {"modelDescription.xml": text})
+    assert main(["info", str(path)]) == 0
+    shown = capsys.readouterr()
+    assert "time_constant" in shown.out
+    assert said in " ".join(shown.err.split())
+    assert main(["run", str(path), "--stop-time", "1", "--step-size", "0.1"]) == 2
