@@ -93,34 +93,34 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
 }
 
 /* The only input and the only output of a type are arrays of three. */
-#define EXCHANGE(type)                                                                                               \
-    fmi3Status fmi3Set##type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3##type value[],      \
-                             size_t values) {                                                                        \
-        Echo *e = c;                                                                                                 \
-        if (vr[0] < ARRAYS) return other_set_##type(e, vr, n, value, values);                                        \
-        if (n != 1 || values != 3) return fmi3Error;                                                                 \
-        memcpy(e->type, value, sizeof e->type);                                                                      \
-        return fmi3OK;                                                                                               \
-    }                                                                                                                \
-    fmi3Status fmi3Get##type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##type value[],            \
-                             size_t values) {                                                                        \
-        Echo *e = c;                                                                                                 \
-        if (vr[0] < ARRAYS) return other_get_##type(e, vr, n, value, values);                     \
-        if (n != 1 || values != 3) return fmi3Error;                                                                 \
-        memcpy(value, e->type, sizeof e->type);                                                                      \
-        return fmi3OK;                                                                                               \
+#define EXCHANGE(type)                                                                                          \
+    fmi3Status fmi3Set##type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3##type value[], \
+                             size_t values) {                                                                   \
+        Echo *e = c;                                                                                            \
+        if (vr[0] < ARRAYS) return other_set_##type(e, vr, n, value, values);                                   \
+        if (n != 1 || values != 3) return fmi3Error;                                                            \
+        memcpy(e->type, value, sizeof e->type);                                                                 \
+        return fmi3OK;                                                                                          \
+    }                                                                                                           \
+    fmi3Status fmi3Get##type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##type value[],       \
+                             size_t values) {                                                                   \
+        Echo *e = c;                                                                                            \
+        if (vr[0] < ARRAYS) return other_get_##type(e, vr, n, value, values);                                   \
+        if (n != 1 || values != 3) return fmi3Error;                                                            \
+        memcpy(value, e->type, sizeof e->type);                                                                 \
+        return fmi3OK;                                                                                          \
     }
-#define NO_OTHER(type)                                                                                               \
-    static fmi3Status other_set_##type(Echo *e, const fmi3ValueReference vr[], size_t n, const fmi3##type value[],   \
-                                       size_t values) {                                                              \
-        (void)e, (void)vr, (void)n, (void)value, (void)values;                                                       \
-        return fmi3Error;                                                                                            \
-    }                                                                                                                \
-    static fmi3Status other_get_##type(Echo *e, const fmi3ValueReference vr[], size_t n, fmi3##type value[],         \
-                                       size_t values) {                                                              \
-        (void)e, (void)vr, (void)n, (void)value, (void)values;                                                       \
-        return fmi3Error;                                                                                            \
-    }                                                                                                                \
+#define NO_OTHER(type)                                                                                             \
+    static fmi3Status other_set_##type(Echo *e, const fmi3ValueReference vr[], size_t n, const fmi3##type value[], \
+                                       size_t values) {                                                            \
+        (void)e, (void)vr, (void)n, (void)value, (void)values;                                                     \
+        return fmi3Error;                                                                                          \
+    }                                                                                                              \
+    static fmi3Status other_get_##type(Echo *e, const fmi3ValueReference vr[], size_t n, fmi3##type value[],       \
+                                       size_t values) {                                                            \
+        (void)e, (void)vr, (void)n, (void)value, (void)values;                                                     \
+        return fmi3Error;                                                                                          \
+    }                                                                                                              \
     EXCHANGE(type)
 static fmi3Status other_set_Float64(Echo *e, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[],
                                     size_t values) {

@@ -8,10 +8,11 @@
 #undef fmi2EnterInitializationMode
 
 FMI2_Export fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
-    Probe* p = (Probe*)c;
+    Probe *p = (Probe *)c;
     volatile int forever = 1;
     if (p->r[GAIN] == 2.0) raise(SIGSEGV);
     if (p->r[GAIN] == 3.0) exit(5);
-    while (p->r[GAIN] == 4.0 && forever) {}
+    while (p->r[GAIN] == 4.0 && forever) {
+    }
     return probe_enter(c);
 }

@@ -30,9 +30,15 @@ typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *
 typedef struct {
     int64_t act, fmi;
     void *component;
-    union { Step2 *two; Step3 *three; } step;
+    union {
+        Step2 *two;
+        Step3 *three;
+    } step;
     int64_t step_call, multiple, link, links;
-    union { Exchange2 *two; Exchange3 *three; } function;
+    union {
+        Exchange2 *two;
+        Exchange3 *three;
+    } function;
     int64_t call;
     const uint32_t *references;
     int64_t reference_count, count;
@@ -61,32 +67,34 @@ static bool step_over(const Row *row, double begin, double length, int64_t *stat
     state[CALLING] = row->step_call;
     bool event = false, terminate = false, early = false;
     double last = begin;
-    const int status =
-        row->fmi == 2 ? row->step.two(row->component, begin, length, 1)
-                      : row->step.three(row->component, begin, length, true, &event, &terminate, &early, &last);
+    const int status = row->fmi == 2
+                           ? row->step.two(row->component, begin, length, 1)
+                           : row->step.three(row->component, begin, length, true, &event, &terminate, &early, &last);
     memcpy(&state[LAST_TIME], &last, sizeof last);
     if (!LIKELY(status == 0) && !tolerated(state, status)) return false;
     return !(terminate || early) || stopped(state, terminate ? TERMINATED : RETURNED_EARLY, STATUS, status);
 }
 
-#define CONVERT(code, type, least, most)                                                                          \
-    case code:                                                                                                    \
-        for (int64_t i = 0; i < row->count; i++) {                                                                \
-            if (!row->set) {                                                                                      \
-                real[i] = (double)((const type *)row->buffer)[i];                                                 \
-                continue;                                                                                         \
-            }                                                                                                     \
-            const double value = rint(real[i]);                                                                   \
-            const bool low = !(value >= (least)), high = value > (most);                                          \
-            if ((low || high) && check) return stopped(state, OUT_OF_RANGE, FAILED_SLOT, row->slot + i);          \
-            ((type *)row->buffer)[i] = low ? (type)(least) : high ? (type)(most) : (type)value;                   \
-        }                                                                                                         \
+#define CONVERT(code, type, least, most)                                                                 \
+    case code:                                                                                           \
+        for (int64_t i = 0; i < row->count; i++) {                                                       \
+            if (!row->set) {                                                                             \
+                real[i] = (double)((const type *)row->buffer)[i];                                        \
+                continue;                                                                                \
+            }                                                                                            \
+            const double value = rint(real[i]);                                                          \
+            const bool low = !(value >= (least)), high = value > (most);                                 \
+            if ((low || high) && check) return stopped(state, OUT_OF_RANGE, FAILED_SLOT, row->slot + i); \
+            ((type *)row->buffer)[i] = low ? (type)(least) : high ? (type)(most) : (type)value;          \
+        }                                                                                                \
         return true;
-#define BOOLEAN(code, type)                                                                                       \
-    case code:                                                                                                    \
-        for (int64_t i = 0; i < row->count; i++)                                                                  \
-            if (row->set) ((type *)row->buffer)[i] = real[i] != 0.0;                                              \
-            else real[i] = (double)((const type *)row->buffer)[i];                                                \
+#define BOOLEAN(code, type)                                       \
+    case code:                                                    \
+        for (int64_t i = 0; i < row->count; i++)                  \
+            if (row->set)                                         \
+                ((type *)row->buffer)[i] = real[i] != 0.0;        \
+            else                                                  \
+                real[i] = (double)((const type *)row->buffer)[i]; \
         return true;
 
 /* Between slots and the buffer of a call with values of another type than double. */
@@ -103,12 +111,16 @@ static bool convert(const Row *row, double *values, int64_t *state, bool check) 
         CONVERT(UINT64, uint64_t, 0, 0x1.fffffffffffffp63)
         BOOLEAN(BOOLEAN8, uint8_t)
         BOOLEAN(BOOLEAN32, int32_t)
-        case FLOAT64: return true;
+        case FLOAT64:
+            return true;
     }
     for (int64_t i = 0; i < row->count; i++)
-        if (!row->set) real[i] = (double)((const float *)row->buffer)[i];
-        else if (fabs(real[i]) > FLT_MAX && check) return stopped(state, OUT_OF_RANGE, FAILED_SLOT, row->slot + i);
-        else ((float *)row->buffer)[i] = (float)real[i];
+        if (!row->set)
+            real[i] = (double)((const float *)row->buffer)[i];
+        else if (fabs(real[i]) > FLT_MAX && check)
+            return stopped(state, OUT_OF_RANGE, FAILED_SLOT, row->slot + i);
+        else
+            ((float *)row->buffer)[i] = (float)real[i];
     return true;
 }
 
