@@ -157,6 +157,11 @@ def _quiet() -> None:
         with contextlib.suppress(OSError, AttributeError):
             # 1: PR_SET_PDEATHSIG. If the watching process is killed, this one goes, too.
             ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+        with contextlib.suppress(OSError, AttributeError):
+            # An FMU that calls exit ends here at once: what libraries of the process from which this one was forked do
+            # at their end (join threads that are not here) could wait for ever. Handlers run last come, first served.
+            library = ctypes.CDLL(None)
+            library.on_exit(library._exit, None)
         with contextlib.suppress(OSError):
             # An FMU that takes all memory is to be ended, not another process.
             Path("/proc/self/oom_score_adj").write_text("1000")
