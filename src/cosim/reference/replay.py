@@ -497,7 +497,7 @@ def _parameters(path: Path, variables: Mapping[str, Any]) -> dict[str, Any]:
     problems: list[str] = []
     for parameter in root.iterfind(".//{*}Parameters/{*}Parameter"):
         name, typed = str(parameter.get("name")), next(iter(parameter), None)
-        variable = variables.get(name)
+        variable, element = _find(name, variables)
         if variable is None:
             problems.append(f"{path.name}: the FMU has no variable '{name}'.{suggest(name, variables)}")
             continue
@@ -508,10 +508,19 @@ def _parameters(path: Path, variables: Mapping[str, Any]) -> dict[str, Any]:
         items = {item.name: item.value for item in variable.declaredType.items or ()} if variable.declaredType else {}
         unit = typed.get("unit")
         value: Any = items.get(text, text)
+        if element is not None:
+            values.setdefault(variable.name, _start_array(variable))[element] = float(value)
+            continue
         values[name] = (float(value), unit) if unit and variable.unit and unit != variable.unit else value
     if problems:
         raise DescriptionError(problems)
     return values
+
+
+def _start_array(variable: Any) -> Array:
+    """The start values of an array of FMI 3.0; one value stands for all elements."""
+    start = variable.start if isinstance(variable.start, list) else str(variable.start).split()
+    return np.resize(np.array([float(item) for item in start]), int(np.prod(variable.shape)))
 
 
 # ---- running ----
