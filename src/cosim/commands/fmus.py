@@ -1,4 +1,4 @@
-"""``cosim fmus copy``: FMUs for other tools; and where commands find an FMU."""
+"""``cosim fmus copy``: FMUs for other tools."""
 
 from __future__ import annotations
 
