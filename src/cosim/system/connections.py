@@ -44,7 +44,7 @@ def read_connections(
                 target, first = ".".join(connection.target), ".".join(taken[connection.target].source)
                 findings.problem(
                     f"connection {connection}",
-                    f"input '{target}' is connected already, to '{first}'. Keep one, or write a sum: "
+                    f"input '{target}' is connected already, to '{first}'. Keep one. For their sum, write: "
                     f'{{ from = ["{first}", "{".".join(connection.source)}"], to = "{target}" }}.',
                 )
             taken.setdefault(connection.target, connection)
@@ -88,8 +88,8 @@ def _connections(where: str, item: object, findings: Findings) -> list[Connectio
     if not addends or not all(isinstance(end, str) for end in (*addends, target)):
         findings.problem(
             where,
-            'give both ends: { from = "a.y", to = "b.u", factor = 1.0, offset = 0.0 }, or '
-            '{ from = ["a.y", "c.y"], to = "b.u" } for a sum.',
+            'give both ends: { from = "a.y", to = "b.u", factor = 1.0, offset = 0.0 }. A sum: '
+            '{ from = ["a.y", "c.y"], to = "b.u" }.',
         )
         return []
     names = cast("list[str]", addends)
