@@ -35,7 +35,7 @@ ROOMS = (
     Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml", "pydantic", "pydantic_core", "tomli_w"]),
     Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.system", [*BASE, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
-    Room("cosim.result", BASE, ["matplotlib", "numpy", "pandas", "pyarrow"]),
+    Room("cosim.result", BASE, ["jinja2", "markupsafe", "matplotlib", "numpy", "pandas", "plotly", "pyarrow"]),
     Room(
         "cosim.master",
         [*BASE, "cosim.fmu", "cosim.system", "cosim.result"],
