@@ -18,10 +18,10 @@ from .result import Result
 
 LEAST_OVERLAP = 0.5
 """Of the shorter recording, which a delay must leave: less says little about it."""
-MOST_POINTS = 2**21
-"""Points of the grid on which a delay is looked for: some seconds of work."""
+MOST_POINTS = 2**19
+"""Points of the grids on which a delay is looked for: more take seconds a signal."""
 MOST_SIGNALS = 8
-"""Signals by which a delay is looked for, the first that vary: it takes up to a second for each."""
+"""Signals by which a delay is looked for, the first that vary: each takes part of a second."""
 STILL = 1e-3
 """Of the variance of both signals: where they vary less nothing tells their delay."""
 SAME = 1e-6
@@ -145,8 +145,8 @@ def estimate_delay(pairs: Pairs, *, everywhere: bool = False) -> float:
     """Seconds by which ``b`` lags behind ``a``: where their difference varies least, against both signals meanwhile.
 
     Looked for within a quarter of the common time, or ``everywhere`` where half of the shorter side remains. The first
-    pairs that vary count alike. Between the points of the grid (the coarser step) the last steps are those of Gauss and Newton. NaN if
-    no signal varies on both sides, or where the times do not meet.
+    pairs that vary count alike. Between the points of the grid (the coarser step) the last steps are those of Gauss and
+    Newton. NaN if no signal varies on both sides, or where the times do not meet.
     """
     a, b = pairs.a, pairs.b
     lengths = [float(side.time[-1] - side.time[0]) for side in (a, b)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -36,6 +36,8 @@ class Tolerance:
     absolute: float = 0.0
     relative: float = 0.0
     time: float = 0.0
+    unit: str = ""
+    """Of ``absolute``; that of the signal if it is empty."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,7 @@ def compare(
     Raises DescriptionError for names, units and times that do not fit together.
     """
     pairs = pair(side_of(a, labels[0]), side_of(b, labels[1]), signals)
-    tolerances = _tolerances(tolerance, [name for name, _ in pairs.names])
+    tolerances = _tolerances(tolerance, pairs.a.units)
     estimated = estimate_delay(pairs, everywhere=delay == "estimate")
     moved = estimated if delay == "estimate" else float(delay)
     if not math.isfinite(moved):
@@ -192,19 +194,28 @@ def _delay_notes(label: str, moved: float, estimated: float, step: float) -> lis
     return []
 
 
-def _tolerances(given: Tolerance | Mapping[str, Tolerance] | None, names: Sequence[str]) -> dict[str, Tolerance]:
+def _tolerances(
+    given: Tolerance | Mapping[str, Tolerance] | None, units: Mapping[str, str]
+) -> dict[str, Tolerance]:
+    """The tolerance of each signal in its own unit; ``units`` by name. Raises DescriptionError with all problems."""
     if given is None:
         return {}
-    if isinstance(given, Tolerance):
-        found = dict.fromkeys(names, given)
-    else:
-        wrong = [f"tolerance: '{name}' is not compared.{suggest(name, names)}" for name in given if name not in names]
-        if wrong:
-            raise DescriptionError(wrong)
-        found = dict(given)
+    found = dict.fromkeys(units, given) if isinstance(given, Tolerance) else dict(given)
+    problems: list[str] = []
     for name, entry in found.items():
-        if not all(math.isfinite(part) and part >= 0.0 for part in (entry.absolute, entry.relative, entry.time)):
-            raise DescriptionError(f"tolerance of {name}: give finite numbers that are not negative.")
+        if name not in units:
+            problems.append(f"tolerance: '{name}' is not compared.{suggest(name, units)}")
+        elif not all(math.isfinite(part) and part >= 0.0 for part in (entry.absolute, entry.relative, entry.time)):
+            problems.append(f"tolerance of {name}: give finite numbers that are not negative.")
+        elif entry.unit not in ("", units[name]):
+            try:
+                factor = conversion(entry.unit, units[name])
+            except DescriptionError as error:
+                problems.append(f"tolerance of {name}: {error}")
+            else:
+                found[name] = replace(entry, absolute=factor * entry.absolute, unit=units[name])
+    if problems:
+        raise DescriptionError(problems)
     return found
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from .compare import Comparison, Difference
-from .plots import Panel, Series, plot_panels
-from .report import Chart, Notes, Section
-from .run_report import figure_parts
+from ..record.read import Record
+from .plots import Panel, Series, plot_panels, typeset
+from .report import Chart, Notes, Part, Section, Table, Text, write_report
+from .result import Result
+from .run_report import figure_parts, provenance, system_parts
 from .summary import Figure, Missing, Row
 
 MOST_SIGNALS = 8
@@ -90,7 +93,7 @@ def plot_comparison(found: Comparison, path: Path) -> None:
     plot_panels(path, comparison_panels(found), title=f"{found.b} compared with {found.a}")
 
 
-def comparison_sections(found: Comparison) -> list[Section]:
+def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list[Section]:
     """What a page tells of a comparison."""
     spectra = [
         Panel(
@@ -107,7 +110,7 @@ def comparison_sections(found: Comparison) -> list[Section]:
     text = "Amplitude spectral density of the difference: its square integrates to the variance."
     return [
         Section(
-            "Comparison", [Notes([f"Compared: {found.how}.", *found.notes]), *figure_parts(comparison_rows(found))]
+            "Comparison", [Notes([f"Compared: {found.how}.", *found.notes, *notes]), *figure_parts(comparison_rows(found))]
         ),
         Section(
             "Signals and differences",
@@ -115,3 +118,22 @@ def comparison_sections(found: Comparison) -> list[Section]:
         ),
         Section("Spectra", [Chart(spectra, text, "Frequency", "Hz", log_x=True)] if spectra else []),
     ]
+
+
+def report_comparison(
+    found: Comparison, path: Path, sources: tuple[Result | Record, Result | Record], *, notes: Sequence[str] = ()
+) -> Path:
+    """Write the page of a comparison of ``sources``; ``notes`` stand on it beside those of the comparison.
+
+    Raises DescriptionError for another ending than .html or if plotly is missing, FileError if it cannot be written.
+    """
+    sections = comparison_sections(found, notes=notes)
+    for label, source in zip((found.a, found.b), sources, strict=True):
+        if isinstance(source, Result):
+            parts: list[Part] = [*system_parts(source.metadata), *provenance(source.metadata)]
+        else:
+            shown = [(name, typeset(source.units[name])) for name in source.columns]
+            span = f"{source.time.size} rows, {source.time[0]:.9g} s to {source.time[-1]:.9g} s: {source.path}"
+            parts = [Text(span), Table(shown, ("Column", "Unit"))]
+        sections.append(Section(label, parts))
+    return write_report(path, f"{found.b} compared with {found.a}", sections)

@@ -37,7 +37,7 @@ def run_sections(result: Result, *, notes: Sequence[str] = ()) -> list[Section]:
         Section("Notes", _notes(result, notes)),
         Section("Figures of merit", figure_parts(summary(result))),
         Section("Signals", [Chart(run_panels(result))] if result.time.size > 1 else [Text("Nothing was recorded.")]),
-        *system_sections(result.metadata),
+        Section("System", system_parts(result.metadata)),
         Section("Solver", _solver(result)),
         Section("Provenance", provenance(result.metadata)),
         Section("Messages", _messages(result)),
@@ -61,13 +61,13 @@ def _notes(result: Result, notes: Sequence[str]) -> list[Part]:
     return [Notes(said)] if said else []
 
 
-def system_sections(facts: Mapping[str, Any]) -> list[Section]:
+def system_parts(facts: Mapping[str, Any]) -> list[Part]:
     """The block diagram and the start values of a system, from the metadata of its run."""
     wires = cast("Sequence[Mapping[str, Any]]", facts.get("wires", ()))
     rows = _start_values(facts.get("start_values", {}))
     table = Table(rows, ("Variable", "Here", "In the FMU", "Unit"), "Start values that differ from those of the FMU.")
     parts: list[Part] = [_diagram(facts, wires)] if facts.get("fmus") else []
-    return [Section("System", [*parts, *([table] if rows else [])])]
+    return [*parts, *([table] if rows else [])]
 
 
 def _start_values(entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[Cell, ...]]:
