@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.record.write import Column
+from cosim.record.description import Column
 from cosim.result.result import Message, Result
 
 Array = NDArray[np.float64]

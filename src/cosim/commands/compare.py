@@ -38,9 +38,9 @@ def add(commands: Any) -> None:
         "compare",
         help="compare two runs or records, or a run with a record",
         description="Compare B with the reference A: each is a system or an FMU, which is run, or a record "
-        "(.csv, .tsv, .txt, .dat, .parquet, .mat). Units are converted, the delay is estimated and said, the side with "
-        "longer steps keeps its samples.",
-        epilog="Example: cosim compare log.csv stage.toml --signals x=plant.position --tolerance x=2um --plot both.png. "
+        "(.csv, .tsv, .txt, .dat, .parquet, .mat). Units are converted, the delay is estimated and said, the side "
+        "with longer steps keeps its samples.",
+        epilog="Example: cosim compare log.csv stage.toml --signals x=plant.position --tolerance x=2um --plot a.png. "
         "Exit codes: 0 within the tolerances, 1 not, or a run failed, 2 an input is wrong.",
     )
     compare.add_argument("a", metavar="A", help="the reference: a system, an FMU or a record")
@@ -106,11 +106,12 @@ def _compare(options: argparse.Namespace) -> int:
     numbers, tolerances = _check(options)
     sides = _opened(options, numbers)
     labels = _labels(options)
-    sources = tuple(_source(side) for side in sides)
+    sources = _source(sides[0]), _source(sides[1])
     signals = given_signals(options.signals)
     shown = _tolerances(tolerances, signals, sources, numbers["time_tolerance"])
     found = compare(
-        *sources,
+        sources[0],
+        sources[1],
         signals,
         tolerance=shown,
         delay="estimate" if options.delay == "estimate" else numbers["delay"],
@@ -177,7 +178,7 @@ def _problems(check: Any) -> list[str]:
     try:
         check()
     except DescriptionError as error:
-        return error.problems
+        return list(error.problems)
     return []
 
 
@@ -209,7 +210,7 @@ def _tolerances(
     sources: Sequence[Result | Record],
     time: float,
 ) -> dict[str, Tolerance] | None:
-    """The tolerances by name, those for all signals applied to each that has none of its own; None if there are none."""
+    """The tolerances by name; those for all signals are of each that has none of its own. None if there are none."""
     from ..result.align import common_names, side_of
     from ..result.compare import Tolerance
 
@@ -290,7 +291,7 @@ def open_record(
     """A record, or the result of a run, from a file. Raises DescriptionError."""
     from ..record.read import read_record
 
-    stated = dict(item.rpartition("=")[::2] for item in units)
+    stated = {name: unit for name, _, unit in (item.rpartition("=") for item in units)}
     if time is None and sampling_time is None and not stated:
         from ..result.read import holds_result, read_result
 

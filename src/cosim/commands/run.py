@@ -177,7 +177,7 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         if self._path is None:
             return
         if self._writer is None:
-            from ..master.run import result_columns, system_metadata
+            from ..master.metadata import result_columns, system_metadata
             from ..record.write import RecordWriter
 
             self._writer = RecordWriter(self._path, result_columns(self._system), system_metadata(self._system))
@@ -191,10 +191,9 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         """Complete the file. Raises FileError."""
         if self._writer is not None:
             late = ("steps", "warnings", "total_seconds", "stepping_seconds")
-            solver = {instance: dict(counts) for instance, counts in result.solver.items()}
             known = {name: result.metadata[name] for name in late}
             writer, self._writer = self._writer, None
-            writer.finish({**known, "partial": result.partial, "solver": solver})
+            writer.finish({**known, **result.ending()})
         elif self._path is not None:
             result.save(self._path)
 

@@ -79,7 +79,7 @@ def pair(a: Side, b: Side, signals: Mapping[str, str] | Sequence[str] | None) ->
     Raises DescriptionError with all names that are missing and all units that do not convert.
     """
     if signals is None:
-        names = [(name, name) for name in a.values if name in b.values]
+        names = [(name, name) for name in common_names(a, b)]
         if not names:
             raise DescriptionError(
                 f"no signal of {a.label} ({_listed(a)}) has the name of one of {b.label} ({_listed(b)}): "
@@ -107,6 +107,11 @@ def pair(a: Side, b: Side, signals: Mapping[str, str] | Sequence[str] | None) ->
     shown = dict(zip(of_a, units, strict=True))
     left, right = replace(a, values=of_a, units=shown), replace(b, values=of_b, units=shown)
     return Pairs(tuple(names), tuple(units), left, right, tuple(notes))
+
+
+def common_names(a: Side, b: Side) -> list[str]:
+    """The names that both sides have."""
+    return [name for name in a.values if name in b.values]
 
 
 def _listed(side: Side) -> str:

@@ -194,9 +194,7 @@ def _delay_notes(label: str, moved: float, estimated: float, step: float) -> lis
     return []
 
 
-def _tolerances(
-    given: Tolerance | Mapping[str, Tolerance] | None, units: Mapping[str, str]
-) -> dict[str, Tolerance]:
+def _tolerances(given: Tolerance | Mapping[str, Tolerance] | None, units: Mapping[str, str]) -> dict[str, Tolerance]:
     """The tolerance of each signal in its own unit; ``units`` by name. Raises DescriptionError with all problems."""
     if given is None:
         return {}

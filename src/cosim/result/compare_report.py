@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .compare import Comparison, Difference
 from ..record.read import Record
+from .compare import Comparison, Difference
 from .plots import Panel, Series, plot_panels, typeset
 from .report import Chart, Notes, Part, Section, Table, Text, write_report
 from .result import Result
@@ -110,7 +110,8 @@ def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list
     text = "Amplitude spectral density of the difference: its square integrates to the variance."
     return [
         Section(
-            "Comparison", [Notes([f"Compared: {found.how}.", *found.notes, *notes]), *figure_parts(comparison_rows(found))]
+            "Comparison",
+            [Notes([f"Compared: {found.how}.", *found.notes, *notes]), *figure_parts(comparison_rows(found))],
         ),
         Section(
             "Signals and differences",

@@ -105,12 +105,14 @@ def _value(value: object) -> Cell:
 
 def _diagram(facts: Mapping[str, Any], wires: Sequence[Mapping[str, Any]]) -> Drawing:
     fmus = cast("Mapping[str, Mapping[str, Any]]", facts["fmus"])
+    records = cast("Mapping[str, Mapping[str, Any]]", facts.get("signals", {}))
     order = [str(name) for name in facts.get("evaluation_order", ())]
     others = [str(wire[end][0]) for wire in wires for end in ("from", "to")]
     blocks: list[Block] = []
     for name in dict.fromkeys((*order, *fmus, *others)):
         entry = fmus.get(name, {})
-        blocks.append(Block(name, str(entry.get("fmu", "")), str(entry.get("description", ""))))
+        kind = entry["fmu"] if entry else Path(str(records.get(name, {}).get("file", ""))).name
+        blocks.append(Block(name, str(kind), str(entry.get("description", ""))))
     drawn = [Wire(_end(wire["from"]), _end(wire["to"]), typeset(wire["units"][0]), _change(wire)) for wire in wires]
     steps = facts.get("order")
     told = (
@@ -124,10 +126,12 @@ def _end(end: Sequence[str]) -> tuple[str, str]:
 
 
 def _change(wire: Mapping[str, Any]) -> str:
-    """The factor of a connection and the unit behind it, where they say something."""
+    """The factor of a connection, the unit behind it, and its noise, where they say something."""
     (before, after), factor = wire["units"], wire["factor"]
     said = [f"\N{MULTIPLICATION SIGN}{factor:.5g}"] if factor != 1.0 else []
-    return " ".join([*said, typeset(after)] if after != before else said)
+    said += [typeset(after)] if after != before else []
+    said += [f"+ noise {wire['noise']:.3g}"] if "noise" in wire else []
+    return " ".join(said)
 
 
 def _solver(result: Result) -> list[Part]:
@@ -166,7 +170,11 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
         for name, f in fmus.items()
     ]
     heads = ("Instance", "FMU", "FMI", "Version", "SHA-256 of the file")
-    return [*([Table(rows)] if rows else []), *([Table(table, heads)] if table else [])]
+    signals = cast("Mapping[str, Mapping[str, str]]", facts.get("signals", {}))
+    records: list[tuple[Cell, ...]] = [(name, entry["file"], entry["sha256"]) for name, entry in signals.items()]
+    record_heads = ("Signal", "File", "SHA-256 of the file")
+    tables = (Table(rows), Table(table, heads), Table(records, record_heads))
+    return [table for table in tables if table.rows]
 
 
 def _messages(result: Result) -> list[Part]:
