@@ -317,6 +317,13 @@ def test_adjoint_and_directional_derivatives_are_one_matrix(fmi3: Path, name: st
         rows = [fmu.fmu.getAdjointDerivative([unknown], knowns, [1.0], len(knowns)) for unknown in unknowns]
         assert np.array_equal(np.array(columns).T, np.array(rows))
         assert np.any(np.array(columns))
+        # Along several knowns at once, and of several unknowns: sums, up to the rounding of their few terms.
+        matrix = np.array(rows)
+        seed, weights = 1.0 + np.arange(len(knowns)), 1.0 - 2.0 * np.arange(len(unknowns))
+        along = fmu.fmu.getDirectionalDerivative(unknowns, knowns, seed.tolist())
+        assert along == pytest.approx(matrix @ seed, rel=1e-14, abs=1e-14 * np.abs(matrix).max())
+        adjoint = fmu.fmu.getAdjointDerivative(unknowns, knowns, weights.tolist(), len(knowns))
+        assert adjoint == pytest.approx(weights @ matrix, rel=1e-14, abs=1e-14 * np.abs(matrix).max())
 
 
 # ---- refusals ----

@@ -11,13 +11,14 @@ from ..model import Controller
 from .symbol import casadi
 from .variant import Symbols, Variant
 
-FUNCTIONS = ("constants", "initial", "rules", "derivative", "jacobian", "output", "update", "sample", "partials")
+FUNCTIONS = ("constants", "initial", "rules", "derivative", "jacobian", "output", "update", "sample", "directional")
 """The C functions of a variant, in the order of the core's ``Variant`` struct."""
 
 _RESULTS = {
     "update": "",
     "jacobian": ", double *out, double *second",
     "sample": ", double *out, double *second",
+    "directional": ", const double *direction, double *out",
 }
 _SIGNATURES = {
     name: ("double t, double *x, " if name == "update" else "double t, const double *x, ")
@@ -49,7 +50,7 @@ class Printer:
             "output": variant.output,
             "update": variant.update,
             "sample": [*variant.output, *variant.next] if sampled else [],
-            "partials": variant.partials,
+            "directional": variant.directional,
         }
         sizes = {name: len(rows) for name, rows in hot.items()}
         together = casadi.vertcat(*(row for rows in hot.values() for row in rows))

@@ -50,7 +50,8 @@ typedef struct {
     void (*output)(double, const double *, const double *, const double *, const double *, double *);
     void (*update)(double, double *, const double *, const double *, const double *);
     void (*sample)(double, const double *, const double *, const double *, const double *, double *, double *);
-    void (*partials)(double, const double *, const double *, const double *, const double *, double *);
+    void (*directional)(double, const double *, const double *, const double *, const double *, const double *,
+                        double *);
 } Variant;
 
 """

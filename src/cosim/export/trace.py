@@ -71,7 +71,7 @@ def trace(kind: type[Component]) -> Trace:
     check_component(kind)
     parameters, inputs, outputs = scalars(kind), scalars(kind.Input), scalars(kind.Output)
     states, n_continuous = ordered_states(kind)
-    symbols = Symbols(states, inputs, parameters)
+    symbols = Symbols(states, n_continuous, inputs, parameters)
     discrete = {i: _members(s) for i, s in enumerate(parameters) if s.declaration.is_discrete_choice}
     combinations = list(itertools.product(*discrete.values()))
     if len(combinations) > MAX_VARIANTS:

@@ -19,17 +19,21 @@ ALLOWED = f"Equations use arithmetic, comparisons and these functions of cosim.m
 
 
 class Symbols:
-    """The symbols t, x, u, p of one component and the C text of each."""
+    """The symbols t, x, u, p of one component, and the C text of each.
 
-    def __init__(self, x: Sequence[Scalar], u: Sequence[Scalar], p: Sequence[Scalar]) -> None:
+    ``known`` are the continuous states and inputs, ``direction`` has a symbol for the change of each.
+    """
+
+    def __init__(self, x: Sequence[Scalar], n_continuous: int, u: Sequence[Scalar], p: Sequence[Scalar]) -> None:
         self.t: Any = casadi.SX.sym("t")
         self.x = [casadi.SX.sym(f"x{i}") for i in range(len(x))]
         self.u = [casadi.SX.sym(f"u{i}") for i in range(len(u))]
         self.p = [casadi.SX.sym(f"p{i}") for i in range(len(p))]
-        self.all = [self.t, *self.x, *self.u, *self.p]
-        self.text = ["t"] + [
-            f"{letter}[{i}]" for letter, group in (("x", x), ("u", u), ("p", p)) for i in range(len(group))
-        ]
+        self.known = [*self.x[:n_continuous], *self.u]
+        self.direction = [casadi.SX.sym(f"d{i}") for i in range(len(self.known))]
+        self.all = [self.t, *self.x, *self.u, *self.p, *self.direction]
+        groups = (("x", self.x), ("u", self.u), ("p", self.p), ("direction", self.direction))
+        self.text = ["t"] + [f"{name}[{i}]" for name, group in groups for i in range(len(group))]
 
 
 def depends(expr: Any, letter: str) -> frozenset[int]:
@@ -76,9 +80,10 @@ class Variant:
         columns = casadi.vertcat(*symbols.x[:n_continuous]) if n_continuous else casadi.SX(0, 1)
         self.jacobian = _dense(casadi.jacobian(rows, columns))
         self.time_derivative = _dense(casadi.jacobian(rows, symbols.t))
-        known = [*symbols.x[:n_continuous], *symbols.u]
-        unknown = [*self.derivative, *self.output]
-        self.partials = _dense(casadi.jacobian(casadi.vertcat(*unknown), casadi.vertcat(*known))) if known else []
+        unknown, known, direction = (
+            casadi.vertcat(*rows) for rows in ([*self.derivative, *self.output], symbols.known, symbols.direction)
+        )
+        self.directional = _dense(casadi.jtimes(unknown, known, direction)) if symbols.known else []
 
     def _evaluated(self, arguments: Sequence[Any], states: Sequence[Scalar]) -> _Rows:
         """What each method gives, states in the order of FMUs."""

@@ -30,6 +30,7 @@
 #define DERIVATIVE_0 (OUTPUT_0 + N_OUTPUTS)
 #define COUNTER_0 (DERIVATIVE_0 + N_CONTINUOUS)
 #define N_KNOWN (N_CONTINUOUS + N_INPUTS)
+#define N_UNKNOWN (N_CONTINUOUS + N_OUTPUTS)
 #define AT_LEAST_1(n) ((n) > 0 ? (n) : 1)
 
 /* A communication step as a fraction of the sampling time: ticks/per_sample; per_sample is 0 if there is none. */
@@ -447,8 +448,8 @@ static int discard_result(Instance *instance, unsigned reference, const char *fu
 
 /* ---- derivatives ---- */
 
-/* Place of an unknown (state derivatives, then outputs) or a known (continuous states, then inputs) among the partial
-   derivatives, else -1 with a message. */
+/* Place of an unknown (state derivatives, then outputs) or a known (continuous states, then inputs) among those of
+   their kind, else -1 with a message. */
 static int row_of(Instance *instance, unsigned reference, const char *function) {
     if (unknown(instance, reference, REAL, function)) return -1;
     if (variables[reference].role == DERIVATIVE) return (int)reference - DERIVATIVE_0;
@@ -467,21 +468,21 @@ static int column_of(Instance *instance, unsigned reference, const char *functio
     return -1;
 }
 
-/* Matrix of N_CONTINUOUS + N_OUTPUTS rows and N_KNOWN columns. */
-static void partial_derivatives(State *s, double *partials) {
+/* Derivatives of the N_UNKNOWN unknowns along a direction of the N_KNOWN knowns. */
+static void differentiate(State *s, const double *direction, double *derivatives) {
     refresh_parameters(s);
 #if KIND == CONTROLLER
-    variant(s)->partials(sample_time(s), states(s), inputs(s), parameters(s), s->c, partials);
+    variant(s)->directional(sample_time(s), states(s), inputs(s), parameters(s), s->c, direction, derivatives);
 #else
-    variant(s)->partials(s->time, states(s), inputs(s), parameters(s), s->c, partials);
+    variant(s)->directional(s->time, states(s), inputs(s), parameters(s), s->c, direction, derivatives);
 #endif
 }
 
 static int directional_derivative(Instance *instance, const unsigned unknowns[], size_t n_unknown,
                                   const unsigned knowns[], size_t n_known, const double seed[], double result[],
                                   const char *function) {
-    double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
     double direction[AT_LEAST_1(N_KNOWN)] = {0.0};
+    double derivatives[AT_LEAST_1(N_UNKNOWN)] = {0.0};
     if (illegal(instance, MAY_DIFFERENTIATE, function) || missing(instance, unknowns, n_unknown, function) ||
         missing(instance, knowns, n_known, function) || missing(instance, seed, n_known, function) ||
         missing(instance, result, n_unknown, function))
@@ -491,12 +492,11 @@ static int directional_derivative(Instance *instance, const unsigned unknowns[],
         if (column < 0) return ERROR;
         direction[column] += seed[i];
     }
-    partial_derivatives(&instance->s, partials);
+    differentiate(&instance->s, direction, derivatives);
     for (size_t i = 0; i < n_unknown; i++) {
         const int row = row_of(instance, unknowns[i], function);
         if (row < 0) return ERROR;
-        result[i] = 0.0;
-        for (size_t k = 0; k < N_KNOWN; k++) result[i] += partials[(size_t)row * N_KNOWN + k] * direction[k];
+        result[i] = derivatives[row];
         if (!isfinite(result[i])) return discard_result(instance, unknowns[i], function);
     }
     return OK;
