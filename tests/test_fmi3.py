@@ -326,6 +326,18 @@ def test_adjoint_and_directional_derivatives_are_one_matrix(fmi3: Path, name: st
         assert adjoint == pytest.approx(weights @ matrix, rel=1e-14, abs=1e-14 * np.abs(matrix).max())
 
 
+def test_notes_are_told_when_initialization_and_the_run_end(fmi3: Path) -> None:
+    with Instance(fmi3 / "BallscrewStage.fmu") as fmu:
+        fmu.initialize({"F_C": 6.0, "F_S": 5.0})
+        assert "fmi3ExitInitializationMode: F_C = 6 N.m is above F_S = 5 N.m" in fmu.messages[0]
+        fmu.set({"command": 12.0})
+        for k in range(3):
+            fmu.fmu.doStep(k * 1e-3, 1e-3)
+        assert len(fmu.messages) == 1
+        fmu.fmu.terminate()
+        assert "fmi3Terminate: largest_speed = " in fmu.messages[1]
+
+
 # ---- refusals ----
 
 

@@ -11,7 +11,18 @@ from ..model import Controller
 from .symbol import casadi
 from .variant import Symbols, Variant
 
-FUNCTIONS = ("constants", "initial", "rules", "derivative", "jacobian", "output", "update", "sample", "directional")
+FUNCTIONS = (
+    "constants",
+    "initial",
+    "rules",
+    "derivative",
+    "jacobian",
+    "output",
+    "update",
+    "sample",
+    "directional",
+    "notes",
+)
 """The C functions of a variant, in the order of the core's ``Variant`` struct."""
 
 _RESULTS = {
@@ -41,7 +52,9 @@ class Printer:
             for (signature, body), name in ((key.split("\0"), name) for key, name in self.known.items())
         )
 
-    def variant(self, variant: Variant, symbols: Symbols, rules: Sequence[Any]) -> tuple[str, ...]:
+    def variant(
+        self, variant: Variant, symbols: Symbols, rules: Sequence[Any], notes: Sequence[Any]
+    ) -> tuple[str, ...]:
         """The names of the functions of a variant, in the order of ``FUNCTIONS``."""
         sampled = issubclass(variant.kind, Controller)
         hot = {
@@ -73,7 +86,7 @@ class Printer:
             rows = [together[start + i] for i in range(size)]
             names[name] = self.function(name, everything, text, rows, targets)
             start += size
-        cold = {"constants": constants, "initial": variant.initial, "rules": rules}
+        cold = {"constants": constants, "initial": variant.initial, "rules": rules, "notes": notes}
         for name, rows in cold.items():
             targets = [f"out[{i}]" for i in range(len(rows))]
             names[name] = self.function(name, symbols.all, symbols.text, rows, targets)

@@ -105,6 +105,7 @@ MESSAGES: Mapping[str, str] = {
     "WRONG_TOLERANCE": "%s: tolerance %g: give a positive number.",
     "BROKEN_RULES": "%s: %s",
     "INITIAL_NOT_FINITE": "%s: the initial %s is not finite. Check the parameters.",
+    "NOTE": "%s: %s = %.4g %s is above %s = %.4g %s: %s",
     "NO_EVENT_MODE_USED": "%s: the instance was made with eventModeUsed = false. Stay in step mode.",
     # values
     "UNKNOWN_REFERENCE": "%s: unknown value reference %u. %s has 0 to %d.",

@@ -7,10 +7,22 @@ import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import FrozenInstanceError
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from ..errors import TraceError, suggest
-from ..model import FUNCTIONS, Component, Controller, Declaration, Plant, Record, Rule, Source, declarations, unflatten
+from ..model import (
+    FUNCTIONS,
+    Component,
+    Controller,
+    Declaration,
+    Note,
+    Plant,
+    Record,
+    Rule,
+    Source,
+    declarations,
+    unflatten,
+)
 from . import place
 from .interface import Scalar, scalars, unchecked
 from .symbol import Symbol, casadi, expression
@@ -60,14 +72,19 @@ class Variant:
         with _watched(kind.State, kind.Output):
             rows = self._evaluated(arguments, states)
             again = self._evaluated(arguments, states)
-        self.rule_texts = rows.rules
+        self.rule_texts, self.note_texts = rows.rules, rows.notes
         for method, known in rows.known.items():
-            if rows.rules != again.rules or self._text(known) != self._text(again.known[method]):
+            if (
+                rows.rules != again.rules
+                or rows.notes != again.notes
+                or self._text(known) != self._text(again.known[method])
+            ):
                 raise TraceError(
                     f"{place.of_method(kind, method)}: {kind.__name__}.{method} gives another result when it is called "
                     "again with the same arguments. Take out random numbers, clocks and what a call leaves behind."
                 )
         self.rules, self.initial, self.output = rows.known["rules"], rows.known["initial"], rows.known["output"]
+        self.notes = rows.known["notes"]
         discrete = rows.known.get("update", [])
         self.next: list[Any] = discrete if issubclass(kind, Controller) else []
         self.update: list[Any] = discrete[n_continuous:] if issubclass(kind, Plant) else []
@@ -101,7 +118,11 @@ class Variant:
             return [by_name[scalar.name] for scalar in states]
 
         rules = self._rules(self._call("rules", component.rules))
-        known = {"rules": [condition for _, condition in rules]}
+        notes = self._notes(self._call("notes", lambda: component.notes(x)))
+        known = {
+            "rules": [condition for _, condition in rules],
+            "notes": [row for note in notes for row in (expression(note.value), expression(note.limit))],
+        }
         known["initial"] = state("initial", self._call("initial", component.initial), lambda _: False)
         given: tuple[Any, ...] = (t,) if isinstance(component, Source) else (t, x, u)
         y = self._call("output", lambda: component.output(*given))
@@ -114,7 +135,8 @@ class Variant:
             known["derivative"] = state("derivative", found, lambda declaration: not declaration.discrete)
             found = self._call("update", lambda: component.update(*given))
             known["update"] = state("update", found, lambda declaration: declaration.discrete)
-        return _Rows(tuple(text for text, _ in rules), known)
+        texts = tuple(NoteText(note.name, note.limit_name, note.unit, note.text) for note in notes)
+        return _Rows(tuple(text for text, _ in rules), texts, known)
 
     def _text(self, rows: Sequence[Any]) -> str:
         """The expressions as text; equal for equal ones."""
@@ -151,6 +173,15 @@ class Variant:
             found.append((rule.text, expression(rule.condition)))
         return found
 
+    def _notes(self, notes: Any) -> tuple[Note, ...]:
+        """Notes whose texts can be told."""
+        if not isinstance(notes, tuple) or not all(isinstance(note, Note) for note in cast("tuple[Any, ...]", notes)):
+            raise self._refuse("notes", f"returns {notes!r}. Return a tuple of Note(name, value, ...).")
+        for note in cast("tuple[Note, ...]", notes):
+            if not all(part.strip() for part in (note.name, note.limit_name, note.text)):
+                raise self._refuse("notes", f"{note!r}: give name, limit_name and text.")
+        return cast("tuple[Note, ...]", notes)
+
     def _record(
         self, method: str, record: type[Record], value: Any, needed: Callable[[Declaration], bool]
     ) -> list[Any]:
@@ -184,11 +215,20 @@ class Variant:
         return found
 
 
-class _Rows:
-    """The texts of the rules, and for each method its expressions."""
+class NoteText(NamedTuple):
+    """What stays the same of a note."""
 
-    def __init__(self, rules: tuple[str, ...], known: Mapping[str, list[Any]]) -> None:
-        self.rules, self.known = rules, known
+    name: str
+    limit_name: str
+    unit: str
+    text: str
+
+
+class _Rows:
+    """The texts of rules and notes, and for each method its expressions."""
+
+    def __init__(self, rules: tuple[str, ...], notes: tuple[NoteText, ...], known: Mapping[str, list[Any]]) -> None:
+        self.rules, self.notes, self.known = rules, notes, known
 
 
 class _Made:

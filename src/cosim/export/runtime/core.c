@@ -69,6 +69,7 @@ typedef struct {
     int derivatives_dirty;
     int sampled; /* controller: outputs and next belong to the inputs at the coming sampling instant */
     int finite;  /* states and outputs are, as they were computed last */
+    int told[AT_LEAST_1(N_NOTES)]; /* each note is told once */
 } State;
 
 typedef struct {
@@ -307,6 +308,25 @@ static int not_finite_result(const State *s) {
     return i < 0 ? i : STATE_0 + i;
 }
 
+/* Tell what is legal but suspicious. It is no matter of the call in progress, which returns OK. */
+static void tell_notes(Instance *instance, const char *function) {
+#if N_NOTES > 0
+    State *s = &instance->s;
+    double found[2 * N_NOTES]; /* value and limit of each */
+    refresh_parameters(s);
+    variant(s)->notes(s->time, states(s), NULL, parameters(s), NULL, found);
+    for (int i = 0; i < N_NOTES; i++) {
+        if (!(found[2 * i] > found[2 * i + 1]) || s->told[i]) continue;
+        s->told[i] = 1;
+        say(instance, WARNING, SAY_NOTE, function, note_texts[i].name, found[2 * i], note_texts[i].unit,
+            note_texts[i].limit_name, found[2 * i + 1], note_texts[i].unit, note_texts[i].text);
+    }
+#else
+    (void)instance;
+    (void)function;
+#endif
+}
+
 /* Check what parameters must hold together, and the initial values; then go to ``phase``. */
 static int leave_initialization(Instance *instance, int phase, const char *function) {
     State *s = &instance->s;
@@ -323,6 +343,14 @@ static int leave_initialization(Instance *instance, int phase, const char *funct
     }
     touch(s);
     s->phase = phase;
+    tell_notes(instance, function);
+    return OK;
+}
+
+static int terminate(Instance *instance, const char *function) {
+    if (illegal(instance, MAY_TERMINATE, function)) return ERROR;
+    tell_notes(instance, function);
+    instance->s.phase = TERMINATED;
     return OK;
 }
 

@@ -139,12 +139,7 @@ FMI3_EXPORT fmi3Status fmi3EnterEventMode(fmi3Instance c) {
     return fmi3OK;
 }
 
-FMI3_EXPORT fmi3Status fmi3Terminate(fmi3Instance c) {
-    Instance *instance = c;
-    if (illegal(instance, MAY_TERMINATE, "fmi3Terminate")) return fmi3Error;
-    instance->s.phase = TERMINATED;
-    return fmi3OK;
-}
+FMI3_EXPORT fmi3Status fmi3Terminate(fmi3Instance c) { return terminate(c, "fmi3Terminate"); }
 
 FMI3_EXPORT fmi3Status fmi3Reset(fmi3Instance c) {
     Instance *instance = c;
