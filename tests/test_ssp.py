@@ -17,7 +17,7 @@ from cosim.master.simulation import simulate
 from cosim.system.ssp_read import read_ssp, validate
 from cosim.system.ssp_write import write_ssp
 from cosim.system.system import System, make_system, read_system
-from cosim.system.toml_write import write_toml
+from cosim.system.toml_write import write_system
 
 SYSTEMS = sorted(
     path
@@ -156,7 +156,7 @@ def test_shipped_systems_survive(path: Path, native: Path, tmp_path: Path) -> No
 
 def test_everything_survives_ssp_and_toml(rich: System, tmp_path: Path) -> None:
     packed = read_system(write_ssp(rich, tmp_path / "rich.ssp"))
-    written = read_system(write_toml(packed, tmp_path / "back.toml"))
+    written = read_system(write_system(packed, tmp_path / "back.toml"))
     for other in (packed, written):
         assert same(rich, other)
         assert [i.step_multiple for i in other.instances] == [1, 1, 2]

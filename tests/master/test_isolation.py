@@ -316,9 +316,9 @@ Cosim = Callable[..., "subprocess.CompletedProcess[str]"]
 def run(fmus: Path, tmp_path: Path) -> Cosim:
     def made(how: str, *options: str) -> subprocess.CompletedProcess[str]:
         system = hostile(fmus, how)
-        from cosim.system.toml_write import write_toml
+        from cosim.system.toml_write import write_system
 
-        write_toml(system, tmp_path / "system.toml")
+        write_system(system, tmp_path / "system.toml")
         command = [sys.executable, "-m", "cosim", "run", "system.toml", *options]
         return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
 

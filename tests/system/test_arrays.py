@@ -12,7 +12,7 @@ from cosim.errors import DescriptionError
 from cosim.fmu.description import read_fmu
 from cosim.system.ssp_write import write_ssp
 from cosim.system.system import System, make_system, read_system
-from cosim.system.toml_write import write_toml
+from cosim.system.toml_write import write_system
 
 
 def elements(*names: str) -> list[Variable]:
@@ -54,7 +54,7 @@ def test_values_reach_their_indices(
 ) -> None:
     read = system(tmp_path, names, start)
     assert read.instances[0].start == expected
-    for other in (write_toml(read, tmp_path / "s.toml"), write_ssp(read, tmp_path / "s.ssp")):
+    for other in (write_system(read, tmp_path / "s.toml"), write_ssp(read, tmp_path / "s.ssp")):
         assert read_system(other).instances[0].start == expected
 
 

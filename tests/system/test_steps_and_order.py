@@ -16,7 +16,7 @@ from cosim.master.instance import FmuInstance
 from cosim.master.simulation import Simulation, simulate
 from cosim.system.ssp_write import write_ssp
 from cosim.system.system import System, make_system, read_system
-from cosim.system.toml_write import write_toml
+from cosim.system.toml_write import write_system
 
 
 def probe(folder: Path, **experiment: object) -> System:
@@ -45,7 +45,7 @@ def test_steps_divide_up_to_the_rounding_of_sixteen_digits(
 ) -> None:
     system = probe(tmp_path, stop_time=stop, step_size=step)
     assert system.steps == steps
-    read = read_system(write_toml(read_system(write_ssp(system, tmp_path / "s.ssp")), tmp_path / "s.toml"))
+    read = read_system(write_system(read_system(write_ssp(system, tmp_path / "s.ssp")), tmp_path / "s.toml"))
     assert (read.digest, read.steps) == (system.digest, steps)
 
 
@@ -231,4 +231,4 @@ def test_an_fmu_without_a_step_takes_a_thousandth(tmp_path: Path) -> None:
 def test_an_fmu_may_be_exported_and_run_again(tmp_path: Path) -> None:
     path = write_gain(tmp_path, "Gain", "m", "m", experiment='stopTime="1" stepSize="0.5"')
     system = read_system(path, {"u": 2})
-    assert read_system(write_toml(system, tmp_path / "s.toml")).digest == system.digest
+    assert read_system(write_system(system, tmp_path / "s.toml")).digest == system.digest

@@ -17,7 +17,7 @@ from cosim.master.simulation import simulate
 from cosim.result.summary import loops
 from cosim.system.ssp_write import write_ssp
 from cosim.system.system import make_system, read_system
-from cosim.system.toml_write import write_toml
+from cosim.system.toml_write import write_system
 from cosim.system.values import parse_settings, parse_value
 
 SYSTEM = """
@@ -100,7 +100,7 @@ def test_any_name_survives_every_form(tmp_path: Path, name: str, other: str) -> 
     expected = simulate(system)
     assert expected[f"b.{name}"][-1] == 6.0
     packed = read_system(write_ssp(system, tmp_path / "s.ssp"))
-    for read in (packed, read_system(write_toml(packed, tmp_path / "s.toml"))):
+    for read in (packed, read_system(write_system(packed, tmp_path / "s.toml"))):
         assert read.digest == system.digest
         assert simulate(read).rows.tolist() == expected.rows.tolist()
 

@@ -14,7 +14,7 @@ from cosim.errors import DescriptionError
 from cosim.master.simulation import simulate
 from cosim.system.ssp_write import write_ssp
 from cosim.system.system import System, make_system, read_system
-from cosim.system.toml_write import write_toml
+from cosim.system.toml_write import write_system
 from cosim.units import parse_unit, resolve_unit
 
 RPM = {"rpm": 'rad="1" s="-1" factor="0.10471975511965977"'}
@@ -172,7 +172,7 @@ def test_an_exported_system_is_the_same_system(
 ) -> None:
     system = pair(tmp_path, one, other, {"from": "a.z", "to": "b.u", **TREATMENTS[case]}, u=1.0 / 3.0)
     packed = read_system(write_ssp(system, tmp_path / "s.ssp"))
-    written = read_system(write_toml(packed, tmp_path / "s.toml"))
+    written = read_system(write_system(packed, tmp_path / "s.toml"))
     again = read_system(write_ssp(written, tmp_path / "t.ssp"))
     expected = simulate(system)
     for read in (packed, written, again):
@@ -186,7 +186,7 @@ def test_an_exported_system_is_the_same_system(
 
 def test_same_units_with_an_offset_survive(tmp_path: Path) -> None:
     system = pair(tmp_path, {"m": ""}, {"m": ""}, {"from": "a.z", "to": "b.u", "offset": 0.1})
-    read = read_system(write_toml(read_system(write_ssp(system, tmp_path / "s.ssp")), tmp_path / "s.toml"))
+    read = read_system(write_system(read_system(write_ssp(system, tmp_path / "s.ssp")), tmp_path / "s.toml"))
     assert read.connections == system.connections
 
 

@@ -31,7 +31,7 @@ from . import (
     verify,
 )
 from .console import log_on_standard_error, print_error
-from .surroundings import check_working_folder, explain, prepare_streams
+from .surroundings import check_working_folder, explain, keep_to_one_thread, prepare_streams
 
 COMMANDS = (
     *(run, check, export, info, list, fmus, study, verify, build),
@@ -45,6 +45,7 @@ TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     prepare_streams()
+    keep_to_one_thread()
     options = _parser().parse_args(arguments)
     return exit_code(lambda: options.command(options))
 

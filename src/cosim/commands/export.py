@@ -31,9 +31,9 @@ def add(commands: Any) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Write a system as SSP or TOML."""
     from ..system.ssp_write import write_ssp
-    from ..system.toml_write import write_toml
+    from ..system.toml_write import write_system
 
-    writers = {".ssp": write_ssp, ".toml": write_toml}
+    writers = {".ssp": write_ssp, ".toml": write_system}
     suffix = options.output.suffix.lower()
     if suffix not in writers:
         raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")

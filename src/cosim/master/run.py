@@ -10,7 +10,6 @@ import signal
 import time as clock_time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from types import MappingProxyType
 from typing import Any
 
@@ -428,6 +427,8 @@ def _column(name: str, variable: Variable) -> Column:
 
 @cache
 def _versions() -> Mapping[str, str]:
+    from importlib.metadata import PackageNotFoundError, version  # takes longer than what is done with it
+
     found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
     with contextlib.suppress(PackageNotFoundError):
         found["motion-cosim"] = version("motion-cosim")
