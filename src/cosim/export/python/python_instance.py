@@ -491,9 +491,8 @@ class Instance:
                 memory.time, memory.phase = stopped.time, STEP_FAILED
                 names = [variable.name for variable in face.variables[face.states]]
                 where = "no single state" if stopped.state is None else names[stopped.state]
-                raise Refusal(
-                    DISCARD, "STOPPED", function, stopped.time, contract.REASONS[stopped.reason], where
-                ) from stopped
+                why = contract.REASONS[stopped.reason]
+                raise Refusal(DISCARD, "STOPPED", function, tolerance, stopped.time, where, why) from stopped
             finally:
                 memory.v[face.states], memory.step = states, progress.step
         memory.v[face.states] = states

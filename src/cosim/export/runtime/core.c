@@ -649,8 +649,9 @@ static int advance(Instance *instance, double step, double end, const char *func
     }
     s->time = s->integrator.time;
     s->phase = STEP_FAILED;
-    say(instance, UNFINISHED, SAY_STOPPED, function, s->time, reasons[code],
-        s->integrator.failing >= 0 ? variables[STATE_0 + s->integrator.failing].name : "no single state");
+    say(instance, UNFINISHED, SAY_STOPPED, function, problem.tolerance, s->time,
+        s->integrator.failing >= 0 ? variables[STATE_0 + s->integrator.failing].name : "no single state",
+        reasons[code]);
     return UNFINISHED;
 }
 #elif KIND == CONTROLLER
