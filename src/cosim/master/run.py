@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..fmu.variables import Value, Variable
-from ..result.record import Column
+from ..record.write import Column
 from ..result.result import Message, Result
 from ..system.parts import Connection
 from ..system.system import System
@@ -28,6 +28,7 @@ from .board import IN_LOOP, STEPPING, STOP, Board
 from .instance import STATUS, FmuInstance, Log, RunError, fmpy
 from .program import Program
 from .signals import Ended, Presses
+from .tables import POINTS
 
 Progress = Callable[[float], None]
 """Called with the fraction of the run that is done, at most some twenty times a second."""
@@ -118,9 +119,9 @@ class Run:
     def time(self) -> float:
         return float(self.clock[0] + self.state[loop.POINT] * self.clock[1])
 
-    def go(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
+    def run(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
         """From initialization to termination; or to point ``end``, which is left to whoever goes on."""
-        self.watch()
+        self.begin_log()
         try:
             self.initialize()
             stopped = self.step(progress, interrupted, end)
@@ -136,11 +137,11 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def go_on(
+    def resume(
         self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Presses
     ) -> Result:
         """From a restored checkpoint to the end. The instances are left there: their state is set or reset next."""
-        self.watch()
+        self.begin_log()
         try:
             for number, variable, value in changes:
                 self.slaves[number].set(variable, value)
@@ -154,7 +155,7 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def watch(self) -> None:
+    def begin_log(self) -> None:
         """Begin this run's log."""
         for slave in self.slaves:
             slave.log.begin(self.time)
@@ -169,22 +170,22 @@ class Run:
         self.propagate()
         for slave in self.slaves:
             slave.exit_initialization()
-        self.once(self.program.outputs)
+        self.evaluate(self.program.outputs)
 
     def propagate(self) -> None:
         """Outputs to inputs until nothing changes: two passes where there is no loop through initial values."""
         program = self.program
-        self.once(program.outputs)
+        self.evaluate(program.outputs)
         for _ in range(MAX_PASSES):
             before = program.values.copy()
-            self.once(program.initial)
+            self.evaluate(program.initial)
             if np.array_equal(before, program.values, equal_nan=True):
                 return
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
         Log.sink(self.notices[-1])
 
-    def once(self, rows: list[loop.Row]) -> None:
+    def evaluate(self, rows: list[loop.Row]) -> None:
         """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
         self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)
@@ -202,6 +203,7 @@ class Run:
     ) -> None:
         """Let the loop go on to ``end``; ``record`` is slots, rows and decimation. Raises RunError."""
         slots, rows, decimation = record
+        self.program.tables.fill(int(self.state[loop.POINT]), end)
         arrays = program, split, self.program.links, self.program.values, slots, rows, self.clock, self.state
         advance = loop.compiled() or loop_plain.advance
         if self.board is not None:
@@ -219,6 +221,8 @@ class Run:
             number = int(state[loop.FAILED_LINK])
             source, _, factor, offset = program.links[number].tolist()
             value = factor * float(program.values[source]) + offset
+            if math.isfinite(value):
+                value = math.copysign(math.inf, value)  # a sum that is too large
             return SignalError(program.connections[number], value, time=self.time(), why="not finite")
         if state[loop.REASON] == loop.OUT_OF_RANGE:
             slot = int(state[loop.FAILED_SLOT])
@@ -249,11 +253,12 @@ class Run:
         program = loop.array(self.program.point + self.program.step)
         split = len(self.program.point)
         every = self.system.decimation
+        most = POINTS if self.program.tables.width else stop
         if self.board is not None:
             self.board.flags[STEPPING] = 1
         while True:
             point = int(self.state[loop.POINT])
-            end = min(point + chunk, stop)
+            end = min(point + chunk, stop, point + most)
             if self.board is not None:
                 room = self.board.room()
                 # Rows are due at multiples of ``every`` from ``point`` to ``end``: not more than there is room for.
@@ -377,7 +382,7 @@ def system_metadata(system: System) -> dict[str, Any]:
     return {
         "system": system.name,
         "description": system.description,
-        "system_hash": system.digest,
+        "system_digest": system.digest,
         "start_time": float(system.start_time),
         "stop_time": float(system.stop_time),
         "step_size": float(system.step_size),
@@ -387,7 +392,8 @@ def system_metadata(system: System) -> dict[str, Any]:
         "transformations": {
             str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
         },
-        "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
+        "fmus": {i.name: {"fmu": i.fmu.name, "digest": i.fmu.digest} for i in system.instances},
+        "signals": {s.name: {"file": str(s.path), "digest": s.digest} for s in system.signals},
         "versions": dict(_versions()),
     }
 
@@ -421,8 +427,8 @@ def _column(name: str, variable: Variable) -> Column:
     unit = variable.unit or "1"
     shown = variable.display_unit
     if shown is None:
-        return Column(name, unit, variable.text, unit)
-    return Column(name, unit, variable.text, shown.name, shown.factor, shown.offset)
+        return Column(name, unit, variable.description, unit)
+    return Column(name, unit, variable.description, shown.name, shown.factor, shown.offset)
 
 
 @cache
