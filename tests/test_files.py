@@ -19,8 +19,8 @@ import pytest
 
 from cosim.errors import CosimError, DescriptionError, FileError
 from cosim.files import Replacement, check_writable, temporary_folder, write_file
+from cosim.record.write import Column
 from cosim.result.plots import save
-from cosim.result.record import Column
 from cosim.result.result import Result
 
 FAULTS = (errno.ENOSPC, errno.EIO, errno.EACCES)
@@ -136,8 +136,8 @@ def test_a_fault_at_any_moment_leaves_the_older_file(
     for number in range(1, 1000):
         path.write_bytes(b"older")
         with pytest.MonkeyPatch.context() as monkeypatch:
-            monkeypatch.setattr("cosim.result.record.CSV_BYTES", 8000)
-            monkeypatch.setattr("cosim.result.record.PARQUET_BYTES", 8000)
+            monkeypatch.setattr("cosim.record.write.CSV_BYTES", 8000)
+            monkeypatch.setattr("cosim.record.write.PARQUET_BYTES", 8000)
             faults = Faults(monkeypatch, number, error, stays=stays)
             text = ""
             try:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..master.instance import RunError
-    from ..result.record import RecordWriter
+    from ..record.write import RecordWriter
     from ..result.result import Result
     from ..system.system import System
 
@@ -107,7 +107,7 @@ def _check(options: argparse.Namespace) -> None:
     problems: list[str] = []
     checks: list[tuple[Path, Callable[[Path], None]]] = []
     if options.output is not None:
-        from ..result.record import check_output
+        from ..record.write import check_output
 
         checks.append((options.output, check_output))
     if options.plot is not None:
@@ -171,7 +171,7 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
             return
         if self._writer is None:
             from ..master.run import result_columns, system_metadata
-            from ..result.record import RecordWriter
+            from ..record.write import RecordWriter
 
             self._writer = RecordWriter(self._path, result_columns(self._system), system_metadata(self._system))
         self._writer.write(times, rows)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..fmu.variables import Value, Variable
-from ..result.record import Column
+from ..record.write import Column
 from ..result.result import Message, Result
 from ..system.parts import Connection
 from ..system.system import System

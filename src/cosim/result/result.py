@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
-from .record import Column, RecordWriter
+from ..record.write import Column, RecordWriter
 
 
 @dataclass(frozen=True)

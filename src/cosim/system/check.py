@@ -14,7 +14,7 @@ from .findings import Findings
 from .instances import Places, read_instances
 from .order import visits
 from .parts import Connection, Instance, Order, system_digest
-from .record import read_record
+from .record import recorded_variables
 from .samples import check_steps
 
 
@@ -54,7 +54,7 @@ def checked_fields(
     experiment = read_experiment(document, findings)
     connections = read_connections(document, instances, findings)
     check_steps(instances, experiment, findings)
-    record, decimation = read_record(document, instances, findings)
+    record, decimation = recorded_variables(document, instances, findings)
     if decimation > experiment.steps > 0:
         findings.problem(
             "record.decimation", f"{decimation} is more than the {experiment.steps} steps of the run. Take less."

@@ -12,7 +12,7 @@ from .parts import Instance
 from .values import is_numeric, show_value
 
 
-def read_record(
+def recorded_variables(
     document: Mapping[str, Any], instances: Mapping[str, Instance], findings: Findings
 ) -> tuple[tuple[tuple[str, str], ...], int]:
     """The variables to record, as (instance, variable), and the decimation."""
