@@ -7,8 +7,8 @@ sample. ``STAGE`` and ``MOTOR`` are the truth that a fit should find.
   loop of two proportional controllers. The two files hold other motions of the same machine.
 * ``motor.csv``: a linear motor on viscous guides, driven without a loop.
 
-Each position comes late by the delay of its sensor, with noise, and rounded to the resolution; commands have noise, too.
-The loop itself sees the position without these: noise is in the record only.
+Each position comes late by the delay of its sensor, with noise, and rounded to the resolution; commands have noise,
+too. The loop itself sees the position without these: noise is in the record only.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ A fit file is TOML::
     [outputs.position]                 # what is compared
     signal = "plant.position"          # of the system
     column = "x"                       # of the records; default: the name of the output
+    reference = "x_ref"                # optional: figures are told of the column less this one, the tracking error
     noise = 2e-8                       # standard deviation in the unit of the signal; default: taken from the records
     delay = { from = 0.0, to = 2e-3 }  # s by which the record is late, free; or a number
     gain = 1.0                         # record = gain*signal + bias; numbers, or ranges where they are free
@@ -45,14 +46,13 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, cast
+from typing import Any, cast
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..errors import DescriptionError, suggest
 from ..fmu.places import shipped_file
-from ..fmu.tables import Count, Number, Positive, Scalar, Table, Text, checked
+from ..fmu.tables import checked
 from ..fmu.text import read_toml
 from ..fmu.variables import Variable
 from ..record.read import Record, read_record
@@ -60,106 +60,12 @@ from ..result.metrics import Array
 from ..system.document import load_document
 from ..system.system import System, make_system
 from ..units import conversion
-from .documents import ExperimentData, Window
+from .documents import FitData, FreeData, OutputData, ParameterData, RecordData
 
 LEAST_SAMPLES = 20
 """Samples of a record in its window: fewer tell nothing about noise."""
 STILL = 3.0
 """A record whose column varies by less than this many times its noise is one without excitation."""
-
-
-class FreeData(Table):
-    """A free value: where it starts, between what it stays."""
-
-    EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0 }"
-
-    start: Number | None = None
-    low: Annotated[Number | None, Field(alias="from")] = None
-    high: Annotated[Number | None, Field(alias="to")] = None
-    log: bool = False
-    """Whether it is looked for over its logarithm."""
-
-    @model_validator(mode="after")
-    def _in_order(self) -> FreeData:
-        given = [value for value in (self.low, self.start, self.high) if value is not None]
-        if sorted(given) != given or (self.low is not None and self.low == self.high):
-            raise ValueError("from, start and to must rise")
-        if self.log and given and given[0] <= 0.0:
-            raise ValueError(f"log needs positive values, not {given[0]:g}")
-        return self
-
-
-class ParameterData(FreeData):
-    """A free start value of an FMU."""
-
-    also: list[Text] = []
-    """More variables that get the same value."""
-
-
-def _number_or_table(value: object) -> str:
-    return "table" if isinstance(value, Mapping) else "number"
-
-
-FixedOrFree = Annotated[
-    Annotated[FreeData, Tag("table")] | Annotated[Number, Tag("number")], Discriminator(_number_or_table)
-]
-
-
-class OutputData(Table):
-    """A signal of the system and the column that it is compared with."""
-
-    EXAMPLE: ClassVar[str] = '{ signal = "plant.position", column = "x" }'
-
-    signal: Text
-    column: Text | None = None
-    unit: Text | None = None
-    """Unit of the column; default: as the record says, else that of the signal."""
-    factor: Number = 1.0
-    """Of the column, before it is compared."""
-    noise: Positive | None = None
-    """Standard deviation in the unit of the signal."""
-    delay: FixedOrFree = 0.0
-    """Time in s by which the record is late."""
-    gain: FixedOrFree = 1.0
-    bias: FixedOrFree = 0.0
-
-
-class RecordData(Table):
-    """A record."""
-
-    EXAMPLE: ClassVar[str] = '{ file = "stage.csv" }'
-
-    file: Text
-    use: Literal["fit", "validate"] = "fit"
-    time: Text | None = None
-    sampling_time: Positive | None = None
-    signals: list[Text] | None = None
-    window: Window | None = None
-    period: Positive | None = None
-    start: dict[str, Scalar] = {}
-    free: dict[str, ParameterData] = {}
-
-
-class FitData(Table):
-    """A fit file."""
-
-    system: Text
-    """A system file, relative to this file."""
-    description: str = ""
-    timeout: Positive | None = None
-    """Limit for a run, s."""
-    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
-    starts: Count = 1
-    seed: int = 1
-    loops: Count = 200
-    """Most runs of a record."""
-    parameters: Annotated[dict[str, ParameterData], Field(min_length=1)]
-    outputs: Annotated[dict[str, OutputData], Field(min_length=1)]
-    records: Annotated[dict[str, RecordData], Field(min_length=1)]
-    experiment: ExperimentData = ExperimentData()
-
-
-# ---- checked ----
 
 
 @dataclass(frozen=True)
@@ -215,6 +121,8 @@ class FitRecord:
     time: Array
     values: Mapping[str, Array]
     """Of the outputs, in the units of their signals."""
+    references: Mapping[str, Array]
+    """What figures of an output are about, for outputs that have it."""
     part: slice
     """The window."""
     validates: bool
@@ -281,13 +189,25 @@ class _Reader:
             raise DescriptionError(self.problems)
         first = next(iter(systems.values()))
         units = {name: unit for name, given in self.data.outputs.items() if (unit := self._unit(name, given, first))}
+        given = self.data.outputs
         columns = {
-            name: {output: self._column(name, record, output, units[output]) for output in units}
+            name: {
+                output: self._column(record, output, given[output].column or output, unit)
+                for output, unit in units.items()
+            }
+            for name, record in read.items()
+        }
+        references = {
+            name: {
+                output: self._column(record, output, column, unit)
+                for output, unit in units.items()
+                if (column := given[output].reference) is not None
+            }
             for name, record in read.items()
         }
         if self.problems:
             raise DescriptionError(self.problems)
-        records = tuple(self._record(name, read[name], systems[name], columns[name]) for name in read)
+        records = tuple(self._record(name, read[name], systems[name], columns[name], references[name]) for name in read)
         outputs = tuple(self._output(name, unit, records) for name, unit in units.items())
         free = self._free(first, outputs, systems)
         for record in records:
@@ -317,7 +237,9 @@ class _Reader:
     # records and their systems
 
     def _read(self, name: str, given: RecordData) -> Record | None:
-        columns = list(dict.fromkeys(output.column or key for key, output in self.data.outputs.items()))
+        outputs = self.data.outputs.items()
+        columns = [output.column or key for key, output in outputs]
+        columns = list(dict.fromkeys([*columns, *(output.reference for _, output in outputs if output.reference)]))
         try:
             record = read_record(
                 self.folder / given.file, time=given.time, sampling_time=given.sampling_time, columns=columns
@@ -360,7 +282,9 @@ class _Reader:
             self.problems += new
             return None
 
-    def _record(self, name: str, record: Record, system: System, columns: Mapping[str, Array]) -> FitRecord:
+    def _record(
+        self, name: str, record: Record, system: System, columns: Mapping[str, Array], references: Mapping[str, Array]
+    ) -> FitRecord:
         given, time = self.data.records[name], record.time
         low, high = given.window or (-math.inf, math.inf)
         # A sample that is late shows what was before the start: it is left out.
@@ -381,7 +305,15 @@ class _Reader:
                 f"records.{name}.free", "a record that validates has nothing free. Give start values in its start."
             )
         return FitRecord(
-            name, record.path, system, time, columns, slice(begin, end), given.use == "validate", given.period
+            name,
+            record.path,
+            system,
+            time,
+            columns,
+            references,
+            slice(begin, end),
+            given.use == "validate",
+            given.period,
         )
 
     # outputs
@@ -394,10 +326,9 @@ class _Reader:
             self.problems += [f"{self.name}: outputs.{name}.signal: {problem}" for problem in error.problems]
             return ""
 
-    def _column(self, name: str, record: Record, output: str, unit: str) -> Array:
-        """The column of an output in the unit of its signal."""
+    def _column(self, record: Record, output: str, column: str, unit: str) -> Array:
+        """A column of an output in the unit of its signal."""
         given = self.data.outputs[output]
-        column = given.column or output
         values, stated = record.column(column), given.unit or record.units.get(column, "")
         try:
             factor = conversion(stated, unit) if stated and stated != unit else 1.0
@@ -420,7 +351,11 @@ class _Reader:
                 noise = 1e-6 * least if least > 0.0 else 1.0
         fixed = {
             part: (value.start if value.start is not None else default) if isinstance(value, FreeData) else value
-            for part, value, default in (("delay", given.delay, 0.0), ("gain", given.gain, 1.0), ("bias", given.bias, 0.0))
+            for part, value, default in (
+                ("delay", given.delay, 0.0),
+                ("gain", given.gain, 1.0),
+                ("bias", given.bias, 0.0),
+            )
         }
         for part, value in (("delay", given.delay), ("gain", given.gain), ("bias", given.bias)):
             if isinstance(value, FreeData):
@@ -461,7 +396,11 @@ class _Reader:
                 ]
         for output in outputs:
             data = self.data.outputs[output.name]
-            for part, unit, value in (("delay", "s", data.delay), ("gain", "1", data.gain), ("bias", output.unit, data.bias)):
+            for part, unit, value in (
+                ("delay", "s", data.delay),
+                ("gain", "1", data.gain),
+                ("bias", output.unit, data.bias),
+            ):
                 if isinstance(value, FreeData):
                     low = -math.inf if value.low is None else value.low
                     high = math.inf if value.high is None else value.high
@@ -481,9 +420,7 @@ class _Reader:
         table = self.data.records[record].free if record else self.data.parameters
         return list(table.items())
 
-    def _parameter(
-        self, key: str, path: str, given: ParameterData, system: System, record: str = ""
-    ) -> Free | None:
+    def _parameter(self, key: str, path: str, given: ParameterData, system: System, record: str = "") -> Free | None:
         before = len(self.problems)
         variables = [found for name in (path, *given.also) if (found := self._variable(key, name, system))]
         if len(self.problems) > before:
@@ -499,7 +436,10 @@ class _Reader:
         for end, text in ((given.low, "from"), (given.high, "to")):
             if end is not None and not low <= end <= high:
                 self._problem(f"{key}.{text}", f"{end:g} lies outside {low:g} ... {high:g}, the bounds of the FMU.")
-        low, high = max(low, given.low if given.low is not None else low), min(high, given.high if given.high is not None else high)
+        low, high = (
+            max(low, given.low if given.low is not None else low),
+            min(high, given.high if given.high is not None else high),
+        )
         unit = variable.unit or "1"
         if not low <= start <= high:
             self._problem(key, f"starts at {start:g} {unit}, outside {low:g} ... {high:g}. Give a start within.")
@@ -524,7 +464,11 @@ class _Reader:
             self.problems += [f"{self.name}: {key}: {problem}" for problem in error.problems]
             return None
         if not variable.settable or variable.type != "Real":
-            what = f"a {variable.variability} {variable.causality}" if not variable.settable else f"of type {variable.type}"
+            what = (
+                f"a {variable.variability} {variable.causality}"
+                if not variable.settable
+                else f"of type {variable.type}"
+            )
             self._problem(key, f"'{path}' is {what}. Only start values that are real numbers can be free.")
             return None
         if any(connection.target == (instance, name) for connection in system.connections):

@@ -104,9 +104,7 @@ class Runs:
         begun = clock_time.perf_counter()
         found: Traces | CosimError
         try:
-            found = worker.evaluate(
-                self._systems[record.name], self.changes(point, record), self._judge, self._limit
-            )
+            found = worker.evaluate(self._systems[record.name], self.changes(point, record), self._judge, self._limit)
             self._limit.learn(worker.seconds)
         except LoadError:
             raise

@@ -77,7 +77,7 @@ def spread(
 ) -> Spread:
     """How well values are known. ``look`` gives the change of the residuals over ``FAR_STEP`` along a direction."""
     if not np.any(J):
-        every = tuple(Weak((name,), math.inf) for name in names)
+        every = tuple(Weak((str(name),), math.inf) for name in names)
         return Spread(np.full(len(names), np.inf), np.eye(len(names)), every, np.zeros(len(names)))
     _, singular, directions = np.linalg.svd(J, full_matrices=False)
     size = singular.copy()
@@ -154,11 +154,11 @@ class Peak:
 
 def spectrum(time: Array, signal: Array) -> tuple[Array, Array]:
     """Frequencies in Hz and amplitude density (unit/sqrt(Hz)) of a signal, after Welch; its mean is left out."""
-    from scipy.signal import welch as _welch
+    from scipy import signal as _signal
 
     step = float(np.median(np.diff(time)))
     length = min(len(signal), max(64, len(signal) // 4))
-    frequency, power = cast(Any, _welch)(signal - np.mean(signal), fs=1.0 / step, nperseg=length)
+    frequency, power = cast(Any, _signal).welch(signal - np.mean(signal), fs=1.0 / step, nperseg=length)
     return cast(Array, frequency), np.sqrt(cast(Array, power))
 
 
