@@ -32,6 +32,10 @@ FAR_STEP = 0.2
 """The step of that look: integration errors, divided by it, are small beside one unit of noise."""
 
 
+NOTHING = 10.0
+"""A value that is known to this many times itself is not known at all."""
+
+
 @dataclass(frozen=True)
 class Weak:
     """A combination of values that the records do not tell."""
@@ -41,11 +45,11 @@ class Weak:
     """Half of its 95 % interval, 1 for a change of the values by themselves; infinite where nothing depends on it."""
 
     def __str__(self) -> str:
-        size = "not at all" if not self.share < 1e3 else f"to +-{100.0 * self.share:.3g} % only"
+        size = "not at all" if not self.share < NOTHING else f"to +-{100.0 * self.share:.3g} % only"
         if len(self.names) == 1:
-            return f"the records tell {self.names[0]} {size}"
+            return f"The records tell {self.names[0]} {size}."
         listed = f"{', '.join(self.names[:-1])} and {self.names[-1]}"
-        return f"the records cannot tell {listed} apart: one combination of them is known {size}"
+        return f"The records cannot tell {listed} apart: one combination of them is known {size}."
 
 
 @dataclass(frozen=True)
@@ -73,17 +77,10 @@ def spread(
     blocks: Sequence[Block],
     residual: Array,
     J: Array,
-    look: Callable[[Array], float] | None = None,
+    look: Callable[[Array], float],
 ) -> Spread:
     """How well values are known. ``look`` gives the change of the residuals over ``FAR_STEP`` along a direction."""
-    if not np.any(J):
-        every = tuple(Weak((str(name),), math.inf) for name in names)
-        return Spread(np.full(len(names), np.inf), np.eye(len(names)), every, np.zeros(len(names)))
-    _, singular, directions = np.linalg.svd(J, full_matrices=False)
-    size = singular.copy()
-    for i in np.flatnonzero(size < FAINT * size[0]):
-        if look is not None:
-            size[i] = min(size[i], look(directions[i]))
+    size, directions = _directions(J, look)
     # A model that is not right is known less well than its noise says.
     freedom = max(len(residual) - len(names), 1)
     level = max(1.0, math.sqrt(float(residual @ residual) / freedom))
@@ -102,10 +99,27 @@ def spread(
     return Spread(deviation, correlation, weak, size)
 
 
+def _directions(J: Array, look: Callable[[Array], float]) -> tuple[Array, Array]:
+    """Directions in the space of the values, one a row, and the change of the residuals along each."""
+    _, singular, directions = np.linalg.svd(J, full_matrices=False)
+    size = [min(s, look(v)) if s < FAINT * singular[0] else s for s, v in zip(singular, directions, strict=True)]
+    return np.array(size), directions
+
+
+def untold(J: Array, look: Callable[[Array], float]) -> list[int]:
+    """Numbers of values that have to be held for the others to be told, at the noise alone: one a direction."""
+    size, directions = _directions(J, look)
+    held: list[int] = []
+    for s, direction in zip(size, directions, strict=True):
+        if s < NORMAL:
+            held.append(max((i for i in range(J.shape[1]) if i not in held), key=lambda i: abs(direction[i])))
+    return held
+
+
 def _weak(names: Sequence[str], direction: Array, half: float) -> Weak:
     size = np.abs(direction)
     order = np.argsort(-size, kind="stable")
-    return Weak(tuple(names[i] for i in order if size[i] >= SHARE * size[order[0]]), half)
+    return Weak(tuple(str(names[i]) for i in order if size[i] >= SHARE * size[order[0]]), half)
 
 
 def _meat(blocks: Sequence[Block], residual: Array, J: Array, *, correlated: bool) -> Array:
