@@ -17,6 +17,7 @@ from . import (
     build,
     check,
     export,
+    fit,
     fmus,
     identify,
     info,
@@ -35,7 +36,7 @@ from .surroundings import check_working_folder, explain, keep_to_one_thread, pre
 
 COMMANDS = (
     *(run, check, export, info, list, fmus, study, verify, build),
-    *(sweep, identify, stability, learn, tune, linearize),
+    *(sweep, identify, fit, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""
 TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")

@@ -10,20 +10,26 @@ the records cannot tell is named, see ``cosim.design.fit_statistics``.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import time as clock_time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 from ..errors import CosimError, DescriptionError, SimulationError
+from ..files import write_file
 from ..fmu import tables
 from ..result.metrics import Array
 from .fit_file import Fit, FitRecord, Output, read_fit
 from .fit_runs import Runs, expected
 from .fit_solver import Found, Solver
 from .fit_statistics import NORMAL, Peak, Spread, Weak, agreement, peaks, repeatability
+
+ALIKE = 0.99
+"""Values with a larger correlation are told of."""
 
 Advance = Callable[[int, float], None]
 """Is told the runs so far and the sum of squares over samples of the best."""
@@ -97,6 +103,25 @@ class Fitted:
     def values(self) -> dict[str, float]:
         """Every fitted value by name."""
         return {estimate.name: estimate.value for estimate in self.estimates}
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What a user should know, in sentences: what is not told, goes together, is at a bound or was held."""
+        found = [str(weak) for weak in self.weak]
+        if self.held:
+            found.append(f"While the others were fitted, {', '.join(self.held)} stayed at the start.")
+        told = [i for i, estimate in enumerate(self.estimates) if estimate.told]
+        for i in told:
+            for j in told:
+                if i < j and abs(self.correlation[i, j]) > ALIKE:
+                    names = f"{self.estimates[i].name} and {self.estimates[j].name}"
+                    found.append(f"{names} are hard to tell apart: their correlation is {self.correlation[i, j]:.4f}.")
+        for estimate in self.estimates:
+            if estimate.at_bound:
+                found.append(f"{estimate.name} ends at its bound, {estimate.value:.6g} {estimate.unit}.")
+        if not self.converged:
+            found.append(f"The fit did not converge: {self.message}.")
+        return tuple(found)
 
     @property
     def start_values(self) -> dict[str, float]:
@@ -235,6 +260,64 @@ def _compared(record: FitRecord, output: Output, shown: Array) -> Comparison:
         measured,
         shown,
     )
+
+
+def summary(fitted: Fitted) -> dict[str, Any]:
+    """What a fit has found, as JSON holds it: without the signals."""
+    names = [estimate.name for estimate in fitted.estimates]
+    return {
+        "parameters": {
+            e.name: {key: value for key, value in vars(e).items() if key != "name"} for e in fitted.estimates
+        },
+        "correlation": {
+            a: {b: float(fitted.correlation[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
+        },
+        "comparisons": [
+            {
+                **{k: v for k, v in vars(c).items() if k not in ("time", "measured", "expected", "peaks")},
+                "peaks": [vars(peak) for peak in c.peaks],
+            }
+            for c in fitted.comparisons
+        ],
+        "noise": {output.name: output.noise for output in fitted.fit.outputs},
+        "findings": list(fitted.findings),
+        "converged": fitted.converged,
+        "message": fitted.message,
+        "costs": list(fitted.costs),
+        "loops": fitted.loops,
+        "seconds": fitted.seconds,
+        "run_seconds": fitted.run_seconds,
+        "workers": fitted.workers,
+    }
+
+
+def write_fit(fitted: Fitted, folder: Path, *, base: str | None = None) -> list[Path]:
+    """Write start.toml, fit.json, and for each record NAME.csv with what was measured, expected and their difference.
+
+    ``base`` is the file that start.toml completes. Raises FileError.
+    """
+    start = folder / "start.toml"
+    write_start(fitted, start, base=base)
+    written = [start, write_file(folder / "fit.json", json.dumps(_finite(summary(fitted)), indent=2) + "\n")]
+    for record in dict.fromkeys(comparison.record for comparison in fitted.comparisons):
+        found = [comparison for comparison in fitted.comparisons if comparison.record == record]
+        columns: dict[str, tuple[str, Array]] = {"time": ("s", found[0].time)}
+        for c in found:
+            columns |= {f"{c.output} measured": (c.unit, c.measured), f"{c.output} expected": (c.unit, c.expected)}
+        lines = [",".join(columns), ",".join(unit for unit, _ in columns.values())]
+        rows = zip(*(values.tolist() for _, values in columns.values()), strict=True)
+        lines += [",".join(map(repr, row)) for row in rows]
+        written.append(write_file(folder / f"{record}.csv", "\n".join(lines) + "\n"))
+    return written
+
+
+def _finite(value: Any) -> Any:
+    """``value`` as JSON can hold it: what is not finite becomes null."""
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in cast("dict[Any, Any]", value).items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in cast("list[Any]", value)]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_start(fitted: Fitted, path: Path, *, base: str | None = None) -> None:
