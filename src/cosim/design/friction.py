@@ -87,6 +87,8 @@ class FrictionLook:
     negative: FrictionCurve
     unit: str
     """Of the force."""
+    length: str
+    """Of the position: m or rad."""
     filter_samples: int
     samples: int
     slow_share: float
@@ -145,6 +147,42 @@ def friction_from_signals(
     return _Look(time, position, force, noise=noise, unit=unit, length=length).look()
 
 
+def summary(look: FrictionLook) -> dict[str, Any]:
+    """What was found, as JSON holds it."""
+    curves = {"positive": look.positive, "negative": look.negative}
+    return {
+        "values": {value.name: {k: v for k, v in vars(value).items() if k != "name"} for value in look.values},
+        "curve": {name: {k: v.tolist() for k, v in vars(curve).items()} for name, curve in curves.items()},
+        "filter_samples": look.filter_samples,
+        "samples": look.samples,
+        "slow_share": look.slow_share,
+    }
+
+
+def plot_friction(look: FrictionLook, path: Path, *, title: str = "") -> None:
+    """Friction over speed with its spread, and the law of both directions."""
+    from ..result.plots import COLOURS, save, typeset
+
+    def draw(figure: Any) -> None:
+        axes = figure.add_subplot()
+        for curve, name, colour in ((look.positive, "positive", COLOURS[0]), (look.negative, "negative", COLOURS[1])):
+            values = [look.value(f"F_C {name}"), look.value(f"F_v {name}")]
+            axes.errorbar(
+                1e3 * curve.velocity, curve.friction, yerr=curve.spread, fmt="o", ms=3, color=colour, label=name
+            )
+            if all(value.excited for value in values):
+                v = np.linspace(0.0, float(curve.velocity[-1]), 50)
+                sign = 1.0 if name == "positive" else -1.0
+                axes.plot(1e3 * v, sign * values[0].value + values[1].value * v, "--", color=colour, linewidth=1.0)
+        axes.axhline(0.0, color="0.6", linewidth=0.6)
+        axes.set_xlabel(f"Velocity / {'mm/s' if look.length == 'm' else 'mrad/s'}")
+        axes.set_ylabel(f"Friction / {typeset(look.unit)}")
+        axes.set_title(title)
+        axes.legend()
+
+    save(path, draw, (6.4, 4.0))
+
+
 class _Look:
     """The signals of a record after one filter, and what they tell."""
 
@@ -180,7 +218,9 @@ class _Look:
         coulomb = both[0].value if both[0].excited else math.nan
         slow = (np.abs(self.v) > self.still) & (np.abs(self.v) < 0.01 * self.fastest)
         values = (inertia, *both, *sided, self._break_away(friction), self._stiffness(friction, coulomb))
-        return FrictionLook(values, curves[0], curves[1], self.unit, self.size, len(self.x), float(np.mean(slow)))
+        return FrictionLook(
+            values, curves[0], curves[1], self.unit, self.length, self.size, len(self.x), float(np.mean(slow))
+        )
 
     # sliding
 
