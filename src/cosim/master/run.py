@@ -382,14 +382,52 @@ def system_metadata(system: System) -> dict[str, Any]:
         "stop_time": float(system.stop_time),
         "step_size": float(system.step_size),
         "order": system.order if isinstance(system.order, str) else list(system.order),
+        "evaluation_order": list(system.visits),
+        "tolerance": system.tolerance,
         "decimation": system.decimation,
         "connections": [str(connection) for connection in system.connections],
+        "wires": [_wire(system, connection) for connection in system.connections],
         "transformations": {
             str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
         },
-        "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
+        "fmus": {
+            i.name: {
+                "fmu": i.fmu.name,
+                "sha256": i.fmu.digest,
+                "fmi": i.fmu.fmi,
+                "version": i.fmu.version,
+                "description": i.fmu.text,
+            }
+            for i in system.instances
+        },
+        "start_values": _start_values(system),
+        "notes": list(system.notes),
         "versions": dict(_versions()),
     }
+
+
+def _wire(system: System, connection: Connection) -> dict[str, Any]:
+    """A connection by its parts, with the units of source and target ("" where there is none)."""
+    source, target = connection.source, connection.target
+    units = [system.variable(*end).unit or "" for end in (source, target)]
+    return {"from": list(source), "to": list(target), "units": units, "factor": connection.factor}
+
+
+def _start_values(system: System) -> dict[str, dict[str, Any]]:
+    """The start values that differ from those of the FMU, each with its unit and the one that it replaces."""
+    found: dict[str, dict[str, Any]] = {}
+    for instance in system.instances:
+        for name, value in instance.start.items():
+            variable = instance.fmu.variables[name]
+            if value != variable.start:
+                shown = {number: item for item, number in variable.items.items()}
+                own = variable.start
+                found[f"{instance.name}.{name}"] = {
+                    "value": shown.get(value, value) if isinstance(value, int) else value,
+                    "fmu": shown.get(own, own) if isinstance(own, int) else own,
+                    "unit": variable.unit or "",
+                }
+    return found
 
 
 def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
