@@ -24,6 +24,7 @@ def add(commands: Any) -> None:
     fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
     fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
     fit.add_argument("--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and residuals.csv")
+    fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
     fit.add_argument("--base", metavar="NAME", help="the file that start.toml completes (default: none)")
     fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     common_arguments(fit, _fit)
@@ -31,7 +32,10 @@ def add(commands: Any) -> None:
 
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
+    from ..result.report import check_report
 
+    if options.report is not None:
+        check_report(options.report)
     problem = fit.read_fit(options.file, fmus=options.fmus)
     for note in problem.notes:
         print_note(f"note: {note}")
@@ -43,6 +47,10 @@ def _fit(options: argparse.Namespace) -> int:
         look = fit.sensitivities if options.dry_run else fit.fit
         fitted = look(problem, workers=options.workers, progress=advance)
     written = [] if options.output is None else fit.write_fit(fitted, options.output, base=options.base)
+    if options.report is not None:
+        from ..design.fit_report import write_page
+
+        written.append(write_page(fitted, options.report))
     _show(options, fitted)
     for path in written:
         print_note(f"Written: {path}")
