@@ -443,6 +443,8 @@ class _Reader:
         unit = variable.unit or "1"
         if not low <= start <= high:
             self._problem(key, f"starts at {start:g} {unit}, outside {low:g} ... {high:g}. Give a start within.")
+        if start == 0.0 and not math.isfinite(high - low):
+            self._problem(key, "starts at 0: give another start, or from and to, so that its size is known.")
         if given.log and start <= 0.0:
             self._problem(key, f"starts at {start:g} {unit}: log needs a positive start.")
         return Free(

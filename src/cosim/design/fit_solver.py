@@ -16,7 +16,7 @@ from ..errors import DescriptionError, SimulationError
 from ..result.metrics import Array
 from .fit_file import Fit
 from .fit_runs import Budget, Coordinates, Runs, checked_residuals, residuals
-from .fit_statistics import FAR_STEP, Block, Spread, spread, untold
+from .fit_statistics import FAR_STEP, Block, Look, Spread, spread, untold
 
 STEP, FINAL_STEP = 3e-3, 1e-2
 """Steps of the differences, in parts of a value: one-sided on the way, central and larger for the intervals.
@@ -240,18 +240,20 @@ class Solver:
             )
         return known, effects
 
-    def look(self, z: Array) -> Callable[[Array], float]:
-        """What gives the change of the residuals along a direction from ``z``, by a step of ``FAR_STEP``."""
+    def look(self, z: Array) -> Look:
+        """The change of the residuals along a direction from ``z``; infinite where no run succeeds."""
 
-        def change(direction: Array) -> float:
-            base, ends = self.residuals(z, must=True), list[float]()
+        def change(direction: Array) -> Array:
+            base = self.residuals(z, must=True)
+            found = np.full(len(base), np.inf)
             for sign in (1.0, -1.0):
                 moved = np.clip(z + sign * FAR_STEP * direction, self.coordinates.low, self.coordinates.high)
                 size = float(np.linalg.norm(moved - z))
-                off = self.residuals(moved) if size > 0.5 * FAR_STEP else np.array([np.inf])
-                if np.all(np.isfinite(off)):
-                    ends.append(float(np.linalg.norm(self._weight(base) * (off - base))) / size)
-            return min(ends, default=math.inf)
+                off = self.residuals(moved) if size > 0.5 * FAR_STEP else found
+                by_step = self._weight(base) * (off - base) / max(size, 1e-300)
+                if np.linalg.norm(by_step) < np.linalg.norm(found):
+                    found = by_step
+            return found
 
         return change
 

@@ -77,9 +77,9 @@ def spread(
     blocks: Sequence[Block],
     residual: Array,
     J: Array,
-    look: Callable[[Array], float],
+    look: Look,
 ) -> Spread:
-    """How well values are known. ``look`` gives the change of the residuals over ``FAR_STEP`` along a direction."""
+    """How well values are known."""
     size, directions = _directions(J, look)
     # A model that is not right is known less well than its noise says.
     freedom = max(len(residual) - len(names), 1)
@@ -99,14 +99,26 @@ def spread(
     return Spread(deviation, correlation, weak, size)
 
 
-def _directions(J: Array, look: Callable[[Array], float]) -> tuple[Array, Array]:
-    """Directions in the space of the values, one a row, and the change of the residuals along each."""
-    _, singular, directions = np.linalg.svd(J, full_matrices=False)
-    size = [min(s, look(v)) if s < FAINT * singular[0] else s for s, v in zip(singular, directions, strict=True)]
-    return np.array(size), directions
+Look = Callable[[Array], Array]
+"""Gives the change of the residuals along a direction, by a step of ``FAR_STEP`` and divided by it."""
 
 
-def untold(J: Array, look: Callable[[Array], float]) -> list[int]:
+def _directions(J: Array, look: Look) -> tuple[Array, Array]:
+    """Directions in the space of the values, one a row, and the change of the residuals along each.
+
+    Of a faint direction that change counts which no small move along the strong ones makes up: where the faint one is
+    a little off, or bent, it is theirs.
+    """
+    left, singular, directions = np.linalg.svd(J, full_matrices=False)
+    strong = left[:, singular >= FAINT * singular[0]]
+    size = singular.copy()
+    for i in np.flatnonzero(singular < FAINT * singular[0]):
+        change = look(directions[i])
+        size[i] = min(size[i], float(np.linalg.norm(change - strong @ (strong.T @ change))))
+    return size, directions
+
+
+def untold(J: Array, look: Look) -> list[int]:
     """Numbers of values that have to be held for the others to be told, at the noise alone: one a direction."""
     size, directions = _directions(J, look)
     held: list[int] = []
