@@ -28,6 +28,7 @@ from .board import IN_LOOP, STEPPING, STOP, Board
 from .instance import STATUS, FmuInstance, Log, RunError, fmpy
 from .program import Program
 from .signals import Ended, Presses
+from .tables import POINTS
 
 Progress = Callable[[float], None]
 """Called with the fraction of the run that is done, at most some twenty times a second."""
@@ -202,6 +203,7 @@ class Run:
     ) -> None:
         """Let the loop go on to ``end``; ``record`` is slots, rows and decimation. Raises RunError."""
         slots, rows, decimation = record
+        self.program.tables.fill(int(self.state[loop.POINT]), end)
         arrays = program, split, self.program.links, self.program.values, slots, rows, self.clock, self.state
         advance = loop.compiled() or loop_plain.advance
         if self.board is not None:
@@ -219,6 +221,8 @@ class Run:
             number = int(state[loop.FAILED_LINK])
             source, _, factor, offset = program.links[number].tolist()
             value = factor * float(program.values[source]) + offset
+            if math.isfinite(value):
+                value = math.copysign(math.inf, value)  # a sum that is too large
             return SignalError(program.connections[number], value, time=self.time(), why="not finite")
         if state[loop.REASON] == loop.OUT_OF_RANGE:
             slot = int(state[loop.FAILED_SLOT])
@@ -249,11 +253,12 @@ class Run:
         program = loop.array(self.program.point + self.program.step)
         split = len(self.program.point)
         every = self.system.decimation
+        most = POINTS if self.program.tables.width else stop
         if self.board is not None:
             self.board.flags[STEPPING] = 1
         while True:
             point = int(self.state[loop.POINT])
-            end = min(point + chunk, stop)
+            end = min(point + chunk, stop, point + most)
             if self.board is not None:
                 room = self.board.room()
                 # Rows are due at multiples of ``every`` from ``point`` to ``end``: not more than there is room for.
@@ -402,6 +407,7 @@ def system_metadata(system: System) -> dict[str, Any]:
         },
         "start_values": _start_values(system),
         "notes": list(system.notes),
+        "signals": {s.name: {"file": str(s.path), "sha256": s.digest} for s in system.signals},
         "versions": dict(_versions()),
     }
 

@@ -86,9 +86,12 @@ def _loops(result: Recorded) -> Iterator[tuple[Loop, str]]:
     scales = cast("Mapping[str, Sequence[float]]", result.metadata.get("transformations", {}))
     recorded = set(result.names)
     sources: dict[str, tuple[str, tuple[float, float]]] = {}
+    sums: set[str] = set()
     for connection in connections:
         source, target = _ends(connection, recorded)
         factor, offset = scales.get(connection, (1.0, 0.0))
+        if target in sources:
+            sums.add(target)
         sources[target] = source, (factor, offset)
     for target, (reference, scale) in sources.items():
         instance, dot, variable = target.partition(".")
@@ -98,8 +101,11 @@ def _loops(result: Recorded) -> Iterator[tuple[Loop, str]]:
         between = _between(scale, other_scale)
         command = f"{instance}.command"
         loop = Loop(instance, reference, position, command if command in recorded else "", between)
+        added = [name for name in (target, f"{instance}.position") if name in sums]
         missing = [name for name in (reference, position) if name not in recorded]
-        if missing:
+        if added:
+            yield loop, f"{' and '.join(added)} is a sum, not one recorded signal"
+        elif missing:
             yield loop, f"{' and '.join(missing)} was not recorded: add it with --record"
         elif between == (1.0, 0.0) and result.unit(reference) != result.unit(position):
             yield (
