@@ -24,8 +24,8 @@ STEP, FINAL_STEP = 3e-3, 1e-2
 The error of the integrators is divided by the step; friction is smooth enough for one of a hundredth.
 """
 
-TOLERANCE = 1e-7
-"""Relative change of the sum of squares at which the search ends: below 1 for 1e7 samples, so it does not decide."""
+TOLERANCE = 1e-6
+"""Relative change of the sum of squares at which the search ends: below 1 for 1e6 samples, so it does not decide."""
 
 ENDS: Mapping[int, str] = {
     0: "ended before it converged",
