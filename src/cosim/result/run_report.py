@@ -162,7 +162,7 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
     rows += [(f"Version of {name}", text) for name, text in versions.items()]
     fmus = cast("Mapping[str, Mapping[str, Any]]", facts.get("fmus", {}))
     table: list[tuple[Cell, ...]] = [
-        (name, str(f["fmu"]), f"{f.get('fmi', '')}", str(f.get("version", "")), str(f["digest"]))
+        (name, str(f["fmu"]), f"{f.get('fmi', '')}", str(f.get("version", "")), str(f["sha256"]))
         for name, f in fmus.items()
     ]
     heads = ("Instance", "FMU", "FMI", "Version", "SHA-256 of the file")
