@@ -272,7 +272,8 @@ def least_squares(data: Path) -> dict[str, float]:
 def with_pulses(fitted: Fitted, data: Path, fmus: Path | None, jobs: int) -> dict[str, float]:
     """A fitted plant against the second record, which has pulses of force: nothing is fitted to it.
 
-    The sign of the pulses is not documented: the one that the balance of forces of the record has is taken.
+    How the pulses enter is not documented: they are taken as force of the motor, with the sign that the balance of
+    forces of the record gives them.
     """
     record = read_record(data / PULSES, time="t", columns=["qm", "vir", "pulses_N"])
     look = identify_friction(data / PULSES, position="qm", force="vir", factor=FORCE, force_unit="N", time="t")
