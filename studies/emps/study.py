@@ -297,9 +297,9 @@ def pulse_sign(time: np.ndarray[Any, Any], position: Any, command: Any, pulses: 
     from scipy.signal import savgol_filter
 
     step = float(np.median(np.diff(time)))
-    x, v, a = (savgol_filter(position, 21, 3, deriv=order, delta=step) for order in (0, 1, 2))
-    force = FORCE * savgol_filter(command, 21, 3)
-    columns = np.column_stack([a, v, np.sign(v), np.ones_like(x), -savgol_filter(pulses, 21, 3)])
+    x, v, a = (np.asarray(savgol_filter(position, 21, 3, deriv=order, delta=step)) for order in (0, 1, 2))
+    force = FORCE * np.asarray(savgol_filter(command, 21, 3))
+    columns = np.column_stack([a, v, np.sign(v), np.ones_like(x), -np.asarray(savgol_filter(pulses, 21, 3))])
     return math.copysign(1.0, float(np.linalg.lstsq(columns, force, rcond=None)[0][-1]))
 
 
