@@ -112,7 +112,7 @@ def _show(system: System, notes: list[str]) -> None:
         source, target = (".".join(end) for end in (connection.source, connection.target))
         units = {"converted": " (units converted)", "suppressed": " (units not converted)"}.get(connection.units, "")
         console.print(f"  {escape(source)}{_transformation(connection)} -> {escape(target)}{units}")
-    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
+    how = "parallel, one step of delay" if system.parallel else ", ".join(system.evaluation_order)
     console.print(f"Order: {escape(how)}")
     console.print(
         f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
@@ -146,12 +146,12 @@ def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, A
             }
             for connection in system.connections
         ],
-        "order": "parallel" if system.parallel else list(system.visits),
+        "order": "parallel" if system.parallel else list(system.evaluation_order),
         "start_time": float(system.start_time),
         "stop_time": float(system.stop_time),
         "step_size": float(system.step_size),
         "steps": system.steps,
         "recorded": [".".join(entry) for entry in system.record],
         "decimation": system.decimation,
-        "system_hash": system.digest,
+        "system_digest": system.digest,
     }

@@ -12,7 +12,7 @@ from .connections import read_connections
 from .experiment import read_experiment
 from .findings import Findings
 from .instances import Places, read_instances
-from .order import visits
+from .order import evaluation_order
 from .parts import Connection, Instance, Order, system_digest
 from .record import read_record
 from .samples import check_steps
@@ -30,7 +30,7 @@ class SystemFields(TypedDict):
     step_size: Decimal
     steps: int
     order: Order
-    visits: tuple[str, ...]
+    evaluation_order: tuple[str, ...]
     tolerance: float | None
     record: tuple[tuple[str, str], ...]
     decimation: int
@@ -67,7 +67,7 @@ def checked_fields(
         )
     evaluated = tuple(instances)
     if not findings.problems:
-        evaluated = visits(instances, connections, experiment.order, findings)
+        evaluated = evaluation_order(instances, connections, experiment.order, findings)
     if findings.problems:
         raise DescriptionError(list(dict.fromkeys(findings.problems)))
     start, stop, step = experiment.start_time, experiment.stop_time, experiment.step_size
@@ -82,7 +82,7 @@ def checked_fields(
         step_size=step,
         steps=experiment.steps,
         order=order,
-        visits=evaluated,
+        evaluation_order=evaluated,
         tolerance=tolerance,
         record=record,
         decimation=decimation,

@@ -16,7 +16,7 @@ from .values import decimal, fraction, show_value, whole
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentTimes:
     """A checked experiment; ``steps`` is 0 if a problem was found."""
 
     start_time: Decimal = Decimal(0)
@@ -27,7 +27,7 @@ class Experiment:
     tolerance: float | None = None
 
 
-def read_experiment(document: Mapping[str, Any], findings: Findings) -> Experiment:
+def read_experiment(document: Mapping[str, Any], findings: Findings) -> ExperimentTimes:
     """The experiment of a document."""
     table = findings.table(document, "experiment")
     findings.known_keys("experiment", table, ("start_time", "stop_time", "step_size", "order", "tolerance"))
@@ -43,9 +43,9 @@ def read_experiment(document: Mapping[str, Any], findings: Findings) -> Experime
     tolerance = _tolerance(table, findings)
     order = _order(table.get("order", "sequential"), findings.table(document, "instances"), findings)
     if start is None or stop is None or step is None:
-        return Experiment(order=order, tolerance=tolerance)
+        return ExperimentTimes(order=order, tolerance=tolerance)
     steps = _steps(start, stop, step, findings)
-    return Experiment(_decimal(start), _decimal(stop), _decimal(step), steps, order, tolerance)
+    return ExperimentTimes(_decimal(start), _decimal(stop), _decimal(step), steps, order, tolerance)
 
 
 Number = Decimal | Fraction

@@ -23,7 +23,7 @@ def feedthrough(
     return outputs
 
 
-def evaluation_order(
+def feedthrough_order(
     names: Sequence[str],
     outputs: Mapping[tuple[str, str], tuple[tuple[str, str], ...]],
     connected: Mapping[tuple[str, str], tuple[str, str]],
@@ -67,7 +67,7 @@ def find_loop(
     return []
 
 
-def visits(
+def evaluation_order(
     instances: Mapping[str, Instance], connections: Sequence[Connection], order: Order, findings: Findings
 ) -> tuple[str, ...]:
     """In which order instances get their inputs and give their feedthrough outputs at a communication point."""
@@ -78,7 +78,7 @@ def visits(
         return order
     loop = find_loop(instances, connected)
     if not loop:
-        return evaluation_order(list(instances), outputs, connected)
+        return feedthrough_order(list(instances), outputs, connected)
     if order != "parallel":
         findings.problem(
             "connections",
