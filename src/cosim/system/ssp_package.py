@@ -118,7 +118,7 @@ def read_document(content: bytes, schema: str = "SystemStructureDescription") ->
     try:
         root = parse(content)
     except lxml_etree.XMLSyntaxError as error:
-        raise DescriptionError(f"not valid XML: {error}") from None
+        raise DescriptionError(f"line {error.lineno}: not valid XML: {error.msg}") from None
     newer = ""
     for element in root.iter(*_VERSIONED):
         version = element.get("version", "")

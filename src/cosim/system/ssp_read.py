@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 from ..errors import DescriptionError
 from ..fmu.description import read_fmu
@@ -116,8 +117,12 @@ class SspReader:
         if xml.get("type", FMU) != FMU:
             self.problem(f"component '{part.name}' is of type {xml.get('type')}. Only FMUs are read.")
             return ""
+        uri = urlsplit(xml.get("source"))
+        proxied = parse_qs(uri.query).get("file") if uri.scheme == "proxyfmu" else None
+        if proxied is not None:
+            self.notes.append(f"component '{part.name}' is meant for libcosim's proxyfmu; its FMU runs directly here.")
         try:
-            source = self.package.file(xml.get("source"))
+            source = self.package.file(proxied[0] if proxied else xml.get("source"))
         except DescriptionError as error:
             self.problem(f"component '{part.name}': {error}")
             return ""
@@ -245,9 +250,11 @@ class SspReader:
             order = own.get("order", "sequential")
             table["order"] = order if order in ("sequential", "parallel") else order.split()
             return table
-        for name, attribute in (("osp:FixedStepAlgorithm", "baseStepSize"), ("oms:FixedStepMaster", "stepSize")):
+        for name, attribute in (("oms:FixedStepMaster", "stepSize"), ("osp:FixedStepAlgorithm", "baseStepSize")):
             other = self.root.find(f".//{tag(name)}")
             if other is not None and other.get(attribute):
                 table["step_size"] = typed_value("Real", other.get(attribute))
-                break
+                if name.startswith("osp"):
+                    table["order"] = "parallel"  # that algorithm is libcosim's, which exchanges outputs after a step
+                    self.notes.append('the file asks for libcosim\'s fixed-step algorithm, which is order = "parallel".')
         return table

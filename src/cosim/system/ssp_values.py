@@ -174,7 +174,11 @@ class ParameterValues:
         if element.get("type", kind) != kind:
             raise DescriptionError(f"type {element.get('type')} is not read. Write it as {kind}.")
         if source:
-            return read_document(self.file(part, source, element.get("sourceBase", "SSD")), schema)
+            content = self.file(part, source, element.get("sourceBase", "SSD"))
+            try:
+                return read_document(content, schema)
+            except DescriptionError as error:
+                raise DescriptionError([f"file '{source}', {problem}" for problem in error.problems]) from None
         inline = element.find(tag(root) if holder is None else f"{tag(holder)}/{tag(root)}")
         return None if inline is None else read_document(lxml_etree.tostring(inline), schema)
 
