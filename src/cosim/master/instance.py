@@ -322,7 +322,8 @@ class FmuInstance:
         given = {
             name: float(value)
             for name, value in start.items()
-            if not isinstance(value, str) and (variables[name].initial == "exact" or variables[name].causality == "input")
+            if not isinstance(value, str)
+            and (variables[name].initial == "exact" or variables[name].causality == "input")
         }
         try:
             found = self.get_all(given)

@@ -47,6 +47,7 @@ def checked_fields(
     name: str,
     folder: Path,
     fmus: Path | None,
+    *,
     problems: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> SystemFields:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import DescriptionError, suggest
+from ..errors import suggest
 from .ssp_names import tag
 from .ssp_tree import End, Part
 from .ssp_units import ConnectorUnits, conversion
@@ -68,7 +68,9 @@ class Flow:
             element, connector = connection.get(f"{side}Element") or "", connection.get(f"{side}Connector")
             part = system if not element else system.parts.get(element)
             if part is None:
-                self.problem(f"'{system.name}': a connection names no element '{element}'.{suggest(element, system.parts)}")
+                self.problem(
+                    f"'{system.name}': a connection names no element '{element}'.{suggest(element, system.parts)}"
+                )
                 return None
             if part.kind not in ("System", "Component"):
                 self.problem(f"'{part.name}' is a {part.kind}, which is not read; '{connector}' of it is connected.")

@@ -218,7 +218,9 @@ class SspReader:
                 continue
             first = next((i for i, hop in enumerate(hops) if hop.source in self.values.given), None)
             if first is None:
-                self.notes.append(f"nothing feeds '{said(hops[0].source)}', so '{self.named(end)}' keeps its own start.")
+                self.notes.append(
+                    f"nothing feeds '{said(hops[0].source)}', so '{self.named(end)}' keeps its own start."
+                )
                 continue
             source = hops[first].source
             used.add(source)
@@ -232,7 +234,9 @@ class SspReader:
             self.units.parts[end[0]].start[end[1]] = value
         for end in self.values.given:
             if end[0] not in self.names and end not in used:
-                self.notes.append(f"the value of '{said(end)}' is not used: nothing takes it, or another value comes in.")
+                self.notes.append(
+                    f"the value of '{said(end)}' is not used: nothing takes it, or another value comes in."
+                )
 
     # Experiment
 
@@ -256,5 +260,7 @@ class SspReader:
                 table["step_size"] = typed_value("Real", other.get(attribute))
                 if name.startswith("osp"):
                     table["order"] = "parallel"  # that algorithm is libcosim's, which exchanges outputs after a step
-                    self.notes.append('the file asks for libcosim\'s fixed-step algorithm, which is order = "parallel".')
+                    self.notes.append(
+                        'the file asks for libcosim\'s fixed-step algorithm, which is order = "parallel".'
+                    )
         return table

@@ -170,7 +170,10 @@ class ParameterValues:
 
     def document(self, part: Part, element: Any, holder: str | None, root: str, kind: str) -> Any:
         """The root of a parameter set or mapping, in a file of its own or in ``element``; None if it is empty."""
-        source, schema = element.get("source"), f"SystemStructure{'ParameterValues' if kind == SET else 'ParameterMapping'}"
+        source, schema = (
+            element.get("source"),
+            f"SystemStructure{'ParameterValues' if kind == SET else 'ParameterMapping'}",
+        )
         if element.get("type", kind) != kind:
             raise DescriptionError(f"type {element.get('type')} is not read. Write it as {kind}.")
         if source:

@@ -19,6 +19,7 @@ from ..fmu.variables import Value, Variable
 from ..fmu.xml import document
 from ..units import BASE_UNITS
 from .parts import Connection
+from .ssp_integers import with_integers
 from .ssp_names import ANNOTATION, NAMESPACES, tag
 
 if TYPE_CHECKING:
@@ -36,15 +37,30 @@ GENERATION_DATE = "2026-01-01T00:00:00Z"
 # ---- writing ----
 
 
-def write_ssp(system: System, target: str | Path) -> Path:
-    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises FileError."""
+def write_ssp(system: System, target: str | Path, *, integers: bool = False) -> Path:
+    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises FileError.
+
+    ``integers`` declares the variables of type Enumeration as whole numbers in the FMUs, for importers that know none.
+    """
     target = Path(target)
     files = resource_names(system)
     description = structure(system, {path: f"resources/{name}" for path, name in files.items()})
     start = "SystemStructure.ssd"
-    members = {start: description, **{f"resources/{name}": path for path, name in files.items()}}
+    members: dict[str, bytes | Path] = {start: description}
+    for path, name in files.items():
+        members[f"resources/{name}"] = with_integers(path.read_bytes()) if integers else path
     write_zip(target, members, start, deflated=(start,))
     return target
+
+
+def chosen_items(system: System) -> list[str]:
+    """The variables of type Enumeration whose start value is not the FMU's own: what some importers read past."""
+    return [
+        f"{instance.name}.{name}"
+        for instance in system.instances
+        for name, value in instance.start.items()
+        if instance.fmu.variables[name].type == "Enumeration" and value != instance.fmu.variables[name].start
+    ]
 
 
 def resource_names(system: System) -> dict[Path, str]:
@@ -162,7 +178,7 @@ def _transformation(element: ElementTree.Element, connection: Connection) -> Non
 
 
 def parameter_set(fmu: Fmu, start: Mapping[str, Value]) -> ElementTree.Element:
-    """An SSV ParameterSet. Enumerations are written as Integer, the form that all importers read."""
+    """An SSV ParameterSet. Enumerations are written as Integer: some importers end at the name of an item."""
     root = ElementTree.Element(tag("ssv:ParameterSet"), {"version": "1.0", "name": PARAMETER_SET})
     parameters = _sub(root, "ssv:Parameters")
     units: dict[str, Fmu] = {}

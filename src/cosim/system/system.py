@@ -121,7 +121,9 @@ class System:
         plain = overrides and not problems and all(value is None for value in experiment)
         if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
-        return System(**checked_fields(document, self.name, self.folder, self.fmus, problems, self.notes_of_file))
+        return System(
+            **checked_fields(document, self.name, self.folder, self.fmus, problems=problems, notes=self.notes_of_file)
+        )
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
         """Start values by instance, if they are right and the rest of the system cannot depend on them."""
@@ -188,7 +190,7 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems, notes))
+    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems=problems, notes=notes))
 
 
 def make_system(
