@@ -34,11 +34,12 @@ ROOMS = (
     Room("fmus", ["cosim.model"]),
     Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml", "pydantic", "pydantic_core", "tomli_w"]),
     Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
-    Room("cosim.system", [*BASE, "cosim.fmu"], ["fmpy.ssp", "lxml"]),
-    Room("cosim.result", BASE, ["matplotlib", "numpy", "pandas", "pyarrow"]),
+    Room("cosim.record", [*BASE, "cosim.fmu"], ["numpy", "pyarrow", "scipy"]),
+    Room("cosim.system", [*BASE, "cosim.fmu", "cosim.record"], ["fmpy.ssp", "lxml", "numpy", "scipy"]),
+    Room("cosim.result", [*BASE, "cosim.record"], ["jinja2", "markupsafe", "matplotlib", "numpy", "pandas", "plotly"]),
     Room(
         "cosim.master",
-        [*BASE, "cosim.fmu", "cosim.system", "cosim.result"],
+        [*BASE, "cosim.fmu", "cosim.record", "cosim.system", "cosim.result"],
         ["fmpy", "numpy"],
     ),
     Room(
@@ -49,12 +50,12 @@ ROOMS = (
     Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL", "scipy"]),
     Room(
         "cosim.design",
-        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master"],
+        [*BASE, "cosim.fmu", "cosim.record", "cosim.system", "cosim.result", "cosim.master"],
         ["control", "distributed", "matplotlib", "numpy", "pyarrow", "pydantic", "scipy"],
     ),
     Room(
         "cosim.study",
-        [*BASE, "cosim.fmu", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
+        [*BASE, "cosim.fmu", "cosim.record", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
         ["jinja2", "markdown_it", "matplotlib", "numpy", "pydantic"],
     ),
     Room("cosim.commands", ["cosim", "fmus"], ["numpy", "rich"]),

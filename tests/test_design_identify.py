@@ -222,6 +222,6 @@ def test_signals_that_do_not_serve_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(DescriptionError, match=text):
             nct_from_signals(*arguments, **given)
-    (tmp_path / "bad.csv").write_text("time,u,x\n0,1,2\n", encoding="utf-8")
+    (tmp_path / "bad.csv").write_text("t,u,y\n0,1,2\n", encoding="utf-8")
     with pytest.raises(DescriptionError, match="Give t in s"):
         identify_nct(tmp_path / "bad.csv")

@@ -34,7 +34,8 @@ from cosim import (
 from cosim.export.package import build
 from cosim.master.instance import CallError
 from cosim.model import Controller, Plant, Record, parameter, variable
-from cosim.result.record import Column, check_output
+from cosim.record.description import Column
+from cosim.record.write import check_output
 
 CACHE = Path(__file__).parents[1] / "build" / "cache"
 
@@ -632,7 +633,7 @@ def test_csv_takes_every_double(make: Make, tmp_path: Path) -> None:
 
 
 def test_parquet_without_pyarrow_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cosim.result.record.find_spec", lambda name: None)
+    monkeypatch.setattr("cosim.record.write.find_spec", lambda name: None)
     with pytest.raises(DescriptionError, match=r"a.parquet: .* pyarrow, .* install motion-cosim\[parquet\]"):
         check_output(Path("a.parquet"))
     check_output(Path("a.csv"))

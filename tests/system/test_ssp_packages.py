@@ -69,7 +69,7 @@ def linear(factor: float, offset: float = 0.0) -> str:
     return f'<ssc:LinearTransformation factor="{factor}" offset="{offset}"/>'
 
 
-def parameters(kind: str = "Real", unit: str = "", **values: object) -> str:
+def parameters(kind: str = "Real", unit: str = "", /, **values: object) -> str:
     """A parameter set; two underscores stand for the point in a name."""
     attribute = f' unit="{unit}"' if unit else ""
     rows = "".join(
@@ -300,7 +300,7 @@ def test_connectors_of_the_top_system_give_constants(fmu: Path, kind: str) -> No
 
 def test_constants_are_converted(tmp_path: Path) -> None:
     fmu = write_gain(tmp_path, "Gain", "m", "m")
-    top = system("top", gain("g"), ports=connector("c", "input", "cm"), values=bound(parameters(unit="mm", c=5.0)),
+    top = system("top", gain("g"), ports=connector("c", "input", "cm"), values=bound(parameters("Real", "mm", c=5.0)),
                  wires=wire("c", "g.u"))  # fmt: skip
     assert outputs(read(package(fmu, top))) == {"g.z": pytest.approx(0.005, rel=1e-15)}
 
@@ -392,7 +392,7 @@ def test_names_that_a_mapping_leaves_out_count_as_they_are(fmu: Path) -> None:
 )
 def test_a_mapping_converts_units_first(tmp_path: Path, more: str, transformation: str, value: float) -> None:
     fmu = write_gain(tmp_path, "Gain", "m", "m")
-    values = bound(parameters(unit="mm", load=5.0), mapping=mapped(entry("load", "g.u", transformation, more)))
+    values = bound(parameters("Real", "mm", load=5.0), mapping=mapped(entry("load", "g.u", transformation, more)))
     (found,) = outputs(read(package(fmu, system("top", gain("g"), values=values)))).values()
     assert found == pytest.approx(value, rel=1e-15)
 

@@ -9,7 +9,7 @@ from typing import Any
 from rich.markup import escape
 
 from ..errors import DescriptionError
-from .console import standard_output
+from .console import print_note, standard_output
 from .systems import given_system, system_arguments
 
 
@@ -36,7 +36,7 @@ def add(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     """Write a system as SSP or TOML."""
-    from ..system.ssp_write import chosen_items, write_ssp
+    from ..system.ssp_write import lost_elsewhere, write_ssp
     from ..system.toml_write import write_system
 
     suffix, integers = options.output.suffix.lower(), options.enumerations == "integer"
@@ -49,13 +49,9 @@ def _run(options: argparse.Namespace) -> int:
         path = write_system(system, options.output)
     else:
         path = write_ssp(system, options.output, integers=integers)
-    console = standard_output()
-    console.print(f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections.")
-    chosen = [] if suffix == ".toml" or integers else chosen_items(system)
-    if chosen:
-        console.print(
-            f"[yellow]note:[/] libcosim and ecos know no enumerations and read past {escape(', '.join(chosen))}. For "
-            "them, add --enumerations integer.",
-            soft_wrap=True,
-        )
+    standard_output().print(
+        f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."
+    )
+    for lost in lost_elsewhere(system, integers=integers) if suffix == ".ssp" else ():
+        print_note(f"note: {lost}")
     return 0

@@ -26,9 +26,9 @@ from ..files import write_file
 from ..fmu import tables
 from ..fmu.places import has_ending
 from ..master.simulation import simulate
+from ..record.read import read_record
 from ..result.metrics import Array
 from ..system.system import System, read_system
-from .measured import read_columns
 from .names import nctf_names
 
 NODES = 128
@@ -122,14 +122,14 @@ def identify_nct(
 
 
 def read_signals(path: Path) -> tuple[Array, Array, Array, Array | None]:
-    """The columns t, u, x and, if it is there, v of a CSV file with a header. Raises DescriptionError."""
-    columns = read_columns(path)
-    if not {"t", "u", "x"} <= set(columns):
+    """The columns t, u, x and, if it is there, v of a record. Raises DescriptionError."""
+    record = read_record(path)
+    if not {"u", "x"} <= set(record.columns):
         raise DescriptionError(
-            f"{path}: columns are {', '.join(columns)}. Give t in s, u in the unit of the command, x in m, "
-            "and v in m/s if it was measured."
+            f"{path}: columns beside the time are {', '.join(record.columns)}. Give t in s, u in the unit of the "
+            "command, x in m, and v in m/s if it was measured."
         )
-    return columns["t"], columns["u"], columns["x"], columns.get("v")
+    return record.time, record.columns["u"], record.columns["x"], record.columns.get("v")
 
 
 def nct_from_signals(

@@ -140,9 +140,10 @@ static inline bool carry(const Row *row, const Link *links, double *values, int6
     const Link *const end = (const Link *)((const char *)link + row->links);
 #pragma clang loop unroll(disable)
     for (; link != end; link++) {
-        const double value = link->factor * values[link->source] + link->offset;
+        const double given = link->factor * values[link->source] + link->offset;
+        const double value = add ? values[link->target] + given : given;
         if (!LIKELY(fabs(value) <= DBL_MAX) && check) return stopped(state, NOT_FINITE, FAILED_LINK, link - links);
-        values[link->target] = add ? values[link->target] + value : value;
+        values[link->target] = value;
     }
     return true;
 }

@@ -107,9 +107,10 @@ class _Loop:
         """The value of a connection, to its target or added to it."""
         source, target, factor, offset = self.links[link]
         value = factor * self.values[source] + offset
+        value = self.values[target] + value if add else value
         if self.check and not math.isfinite(value):
             self.stop(loop.NOT_FINITE, loop.FAILED_LINK, link)
-        self.values[target] = self.values[target] + value if add else value
+        self.values[target] = value
 
     def exchange(self, row: _Row) -> None:
         if row.set and row.type != loop.FLOAT64:

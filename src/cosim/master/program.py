@@ -14,6 +14,7 @@ from ..system.system import System
 from . import loop
 from .fmi3 import wholes
 from .instance import FmuInstance
+from .tables import Tables, table_slots
 
 
 def same_program(one: System, other: System) -> bool:
@@ -23,6 +24,7 @@ def same_program(one: System, other: System) -> bool:
         and one.record == other.record
         and one.evaluation_order == other.evaluation_order
     )
+    same = same and one.signals == other.signals
     multiples = [(i.name, i.step_multiple) for i in one.instances] == [
         (i.name, i.step_multiple) for i in other.instances
     ]
@@ -50,6 +52,8 @@ class Program:
     """Elements that nothing feeds, of arrays that are set as a whole because something feeds others."""
     references: list[NDArray[np.uint32]]
     """Held because the rows know them by address only."""
+    tables: Tables
+    """What comes from records, and noise."""
 
     def reset(self, system: System) -> None:
         """All signals as they are before the run of a variant of the system."""
@@ -58,6 +62,14 @@ class Program:
         for name, variable in self.resting:
             value = system.instance(name).start.get(variable.name, variable.start)
             self.values[self.slots[name, variable.name]] = 0.0 if value is None else float(value)
+        self.tables.begin(system)
+        self.tables.fill(0, 0)
+        if self.tables.width:
+            self.values[-self.tables.width :] = self.tables.buffer[0]
+
+
+_Link = tuple[Connection, tuple[int, int, float, float]]
+"""A connection, with the numbers of ``loop.LINK_TYPE``."""
 
 
 class Signals:
@@ -66,11 +78,12 @@ class Signals:
     def __init__(self, system: System) -> None:
         self.slots: dict[tuple[str, str], int] = {}
         self.inputs: dict[tuple[str, int], list[Connection]] = {}
+        """What sets inputs: of a sum its first addend."""
         self.outputs: dict[tuple[str, int], list[Variable]] = {}
         self.resting: list[tuple[str, Variable]] = []
         for instance in system.instances:
             name, variables = instance.name, instance.fmu.variables
-            incoming = {c.target[1]: c for c in system.connections if c.target[0] == name}
+            incoming = {c.target[1]: c for c in system.connections if c.target[0] == name and not c.added}
             for kind, fed in self._by_kind(instance, incoming).items():
                 self.inputs[name, kind] = [incoming[variable.name] for variable in fed]
                 for _, elements in wholes(variables, fed):
@@ -83,10 +96,28 @@ class Signals:
                 self.outputs[name, kind] = outputs
                 for _, elements in wholes(variables, outputs):
                     self._place(name, elements)
-        self.values = np.zeros(max(len(self.slots), 1))
+        self.tables = Tables(system)
+        self.noise: dict[tuple[str, str], int] = {}
+        """The slot of the noise on each input that has some."""
+        first = len(self.slots)
+        self.slots.update(table_slots(self.tables, first))
+        self.noise = {c.target: first + len(self.tables.columns) + i for i, c in enumerate(self.tables.noise)}
+        self.values = np.zeros(max(first + self.tables.width, 1))
         self.others = np.zeros(self.values.size, dtype=np.uint64)
         """Buffers for values of other types than double, those of a call side by side from its first slot on."""
         self.references: list[NDArray[np.uint32]] = []
+
+    def link(self, connection: Connection) -> _Link:
+        """What a connection does in the loop."""
+        numbers = self.slots[connection.source], self.slots[connection.target], connection.factor, connection.offset
+        return connection, numbers
+
+    def addends(self, system: System, connections: Sequence[Connection]) -> list[_Link]:
+        """What is added to the targets of ``connections``: the other addends of sums, and noise."""
+        targets = {connection.target for connection in connections}
+        links = [self.link(c) for c in system.connections if c.added and c.target in targets]
+        noisy = [c for c in connections if c.noise is not None]
+        return [*links, *((c, (self.noise[c.target], self.slots[c.target], 1.0, 0.0)) for c in noisy)]
 
     @staticmethod
     def _by_kind(instance: Instance, names: Iterable[str]) -> dict[int, list[Variable]]:
@@ -132,7 +163,7 @@ class Signals:
 def make_program(system: System, slaves: list[FmuInstance]) -> Program:
     """Resolve names to slots, value references and addresses, once."""
     signals = Signals(system)
-    links: list[Connection] = []
+    links: list[_Link] = []
     sets: dict[str, list[loop.Row]] = {}
     gets: dict[str, list[loop.Row]] = {}
     step: list[loop.Row] = []
@@ -143,8 +174,15 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
             connections, outputs = signals.inputs.get((name, kind), []), signals.outputs.get((name, kind), [])
             if connections:
                 row = signals.call(slave, kind, [variables[c.target[1]] for c in connections], into=True)
-                into.append({**row, loop.LINKS: len(connections), loop.LINK: len(links)})
-                links += connections
+                set_by = {loop.LINKS: len(connections), loop.LINK: len(links)}
+                links += [signals.link(connection) for connection in connections]
+                addends = signals.addends(system, connections)
+                if addends:
+                    into.append({loop.ACT: loop.NOTHING, **set_by})
+                    into.append({loop.ACT: loop.ADD, loop.LINKS: len(addends), loop.LINK: len(links)})
+                    links += addends
+                    set_by = {}
+                into.append({**row, **set_by})
             if outputs:
                 out.append(signals.call(slave, kind, outputs, into=False))
         first, *others = out or [{loop.FMI: slave.fmu.fmi, loop.COMPONENT: slave.component}]
@@ -154,7 +192,7 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
         step += _guarded([{**first, **stepping}, *others], multiple)
 
     fed = {connection.target for connection in system.connections}
-    point: list[loop.Row] = []
+    point = _table_rows(signals)
     initial: list[loop.Row] = []
     for name in system.evaluation_order:
         instance = system.instance(name)
@@ -163,22 +201,32 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
         rows = [*sets[name], *gets[name]] if direct and not system.parallel else sets[name]
         point += _guarded(rows, instance.step_multiple)
         initial += [*sets[name], *gets[name]]
-    return Program(
+    program = Program(
         point=point,
         step=step,
         initial=initial,
         outputs=[row for rows in gets.values() for row in rows],
         slots=signals.slots,
-        connections=links,
-        links=np.array(
-            [(signals.slots[c.source], signals.slots[c.target], c.factor, c.offset) for c in links], loop.LINK_TYPE
-        ),
+        connections=[connection for connection, _ in links],
+        links=np.array([numbers for _, numbers in links], loop.LINK_TYPE),
         values=signals.values,
         others=signals.others,
         recorded=np.array([signals.slots[end] for end in system.record], dtype=np.uint64),
         resting=signals.resting,
         references=signals.references,
+        tables=signals.tables,
     )
+    program.reset(system)
+    return program
+
+
+def _table_rows(signals: Signals) -> list[loop.Row]:
+    """The row that takes the values of records and of noise out of their table, if there are any."""
+    tables = signals.tables
+    if not tables.width:
+        return []
+    slot = signals.values.size - tables.width
+    return [{loop.ACT: loop.TABLE, loop.COUNT: tables.width, loop.SLOT: slot, loop.BUFFER: tables.buffer.ctypes.data}]
 
 
 def _guarded(rows: list[loop.Row], multiple: int) -> list[loop.Row]:

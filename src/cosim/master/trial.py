@@ -125,7 +125,8 @@ def _try(system: System, at: Path) -> Findings:
         with Simulation(system) as simulation:
             result = simulation.initialize()
             notes += [f"{m.instance}: {m.text}" for m in result.messages if m.status != "OK"]
-            for name, variable in system.record:
+            names = {instance.name for instance in system.instances}
+            for name, variable in (entry for entry in system.record if entry[0] in names):
                 value = simulation.value(name, variable)
                 if not np.isfinite(value):
                     notes.append(f"{name}.{variable} is {value} after initialization.")

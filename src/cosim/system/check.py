@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypedDict
 
 from ..errors import DescriptionError
 from .connections import read_connections
-from .experiment import read_experiment
+from .experiment import ExperimentTimes, read_experiment
 from .findings import Findings
 from .instances import Places, read_instances
 from .order import evaluation_order
-from .parts import Connection, Instance, Order, system_digest
-from .record import read_record
+from .parts import Connection, Instance, Order, Ports, SignalSource, system_digest
+from .record import recorded_variables
 from .samples import check_steps
+from .values import fraction
+
+KEYS = ("description", "connections", "experiment", "instances", "signals", "record")
 
 
 class SystemFields(TypedDict):
@@ -24,6 +29,7 @@ class SystemFields(TypedDict):
     name: str
     description: str
     instances: tuple[Instance, ...]
+    signals: tuple[SignalSource, ...]
     connections: tuple[Connection, ...]
     start_time: Decimal
     stop_time: Decimal
@@ -56,12 +62,15 @@ def checked_fields(
     Raises DescriptionError with every problem found.
     """
     findings = Findings(name, problems)
-    findings.known_keys("", document, ("description", "connections", "experiment", "instances", "record"))
+    findings.known_keys("", document, KEYS)
     instances = read_instances(document, Places(folder, fmus), findings)
-    experiment = read_experiment(document, findings)
-    connections = read_connections(document, instances, findings)
+    signals, experiment = _signals_and_experiment(document, instances, folder, findings)
+    ports: dict[str, Ports] = {**{name: instance.fmu for name, instance in instances.items()}, **signals}
+    connections = read_connections(document, ports, findings)
+    signals = _units_of_inputs(signals, connections, ports)
+    ports = {**ports, **signals}
     check_steps(instances, experiment, findings)
-    record, decimation = read_record(document, instances, findings)
+    record, decimation = recorded_variables(document, ports, connections, findings)
     if decimation > experiment.steps > 0:
         findings.problem(
             "record.decimation", f"{decimation} is more than the {experiment.steps} steps of the run. Take less."
@@ -77,6 +86,7 @@ def checked_fields(
         name=name,
         description=str(document.get("description", "")),
         instances=tuple(instances.values()),
+        signals=tuple(signals.values()),
         connections=connections,
         start_time=start,
         stop_time=stop,
@@ -89,8 +99,51 @@ def checked_fields(
         decimation=decimation,
         notes=(*notes, *findings.notes),
         notes_of_file=tuple(notes),
-        digest=system_digest(instances, connections, (start, stop, step), order, tolerance, record, decimation),
+        digest=system_digest(
+            instances,
+            connections,
+            (start, stop, step),
+            order,
+            tolerance,
+            record,
+            decimation,
+            tuple(signals.values()),
+        ),
         document=document,
         folder=folder,
         fmus=fmus,
     )
+
+
+def _signals_and_experiment(
+    document: Mapping[str, Any], instances: Mapping[str, Instance], folder: Path, findings: Findings
+) -> tuple[dict[str, SignalSource], ExperimentTimes]:
+    """The records of a document and its experiment, which a record may end."""
+    if "signals" not in document:
+        return {}, read_experiment(document, findings)
+    from .signals import check_times, read_signals, record_ends  # needs numpy: only where there are records
+
+    start_time = float(fraction(findings.table(document, "experiment").get("start_time", 0)) or 0.0)
+    signals = read_signals(document, folder, start_time, findings)
+    multiple = math.lcm(*(instance.step_multiple for instance in instances.values()))
+    experiment = read_experiment(document, findings, list(record_ends(signals)), multiple)
+    if experiment.steps:
+        times = float(experiment.start_time), float(experiment.stop_time), float(experiment.step_size)
+        check_times(signals, times, findings)
+    return signals, experiment
+
+
+def _units_of_inputs(
+    signals: Mapping[str, SignalSource], connections: Sequence[Connection], ports: Mapping[str, Ports]
+) -> dict[str, SignalSource]:
+    """The signals, a column without unit in that of the inputs that take its values as they are."""
+    result = dict(signals)
+    for name, signal in signals.items():
+        variables = dict(signal.variables)
+        for column, variable in signal.variables.items():
+            taken = [c for c in connections if c.source == (name, column) and c.units == "same" and c.factor == 1.0]
+            units = {ports[c.target[0]].variables[c.target[1]].unit for c in taken}
+            if variable.unit is None and len(units) == 1:
+                variables[column] = replace(variable, unit=units.pop())
+        result[name] = replace(signal, variables=variables)
+    return result

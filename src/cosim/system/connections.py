@@ -7,11 +7,10 @@ from dataclasses import replace
 from typing import Any, cast
 
 from ..errors import suggest
-from ..fmu.description import Fmu
 from ..fmu.variables import Variable
 from ..units import Unit
 from .findings import Findings
-from .parts import Connection, Instance
+from .parts import Connection, Noise, Ports, SignalSource
 from .values import decimal, show_value
 
 ACCEPTED_TYPES = {
@@ -23,41 +22,55 @@ ACCEPTED_TYPES = {
 """For each input type, the output types it accepts (lossless conversions only)."""
 
 
-KEYS = ("from", "to", "factor", "offset", "units")
+KEYS = ("from", "to", "factor", "factors", "offset", "units", "noise")
 
 
 def read_connections(
-    document: Mapping[str, Any], instances: Mapping[str, Instance], findings: Findings
+    document: Mapping[str, Any], ports: Mapping[str, Ports], findings: Findings
 ) -> tuple[Connection, ...]:
-    """The connections of a document between the instances that could be read."""
+    """The connections of a document between the instances and signals that could be read; one an addend of a sum."""
     value = document.get("connections", [])
     if isinstance(value, str) or not isinstance(value, Sequence):
         findings.problem("connections", 'must be a list, such as ["a.y -> b.u"].')
         return ()
-    declared = findings.table(document, "instances")
+    declared = {**findings.table(document, "instances"), **findings.table(document, "signals")}
     result: list[Connection] = []
     taken: dict[tuple[str, str], Connection] = {}
     for number, item in enumerate(cast("Sequence[object]", value), 1):
-        connection = _connection(f"connections, number {number}", item, findings)
-        if connection is None:
-            continue
-        checked = _checked(connection, instances, declared, findings)
-        if checked is not None:
-            result.append(checked)
-        if connection.target in taken:
-            findings.problem(
-                f"connection {connection}",
-                f"input '{'.'.join(connection.target)}' is connected already, to "
-                f"'{'.'.join(taken[connection.target].source)}'. Keep one.",
-            )
-        taken.setdefault(connection.target, connection)
+        connections = _connections(f"connections, number {number}", item, findings)
+        result += [c for given in connections if (c := _checked(given, ports, declared, findings)) is not None]
+        for connection in connections[:1]:
+            if connection.target in taken:
+                target, first = ".".join(connection.target), ".".join(taken[connection.target].source)
+                findings.problem(
+                    f"connection {connection}",
+                    f"input '{target}' is connected already, to '{first}'. Keep one. For their sum, write: "
+                    f'{{ from = ["{first}", "{".".join(connection.source)}"], to = "{target}" }}.',
+                )
+            taken.setdefault(connection.target, connection)
+    _same_seeds(result, findings)
     return tuple(result)
+
+
+def _same_seeds(connections: Sequence[Connection], findings: Findings) -> None:
+    """Note noise that is the same on two inputs."""
+    seeds: dict[int, Connection] = {}
+    for connection in connections:
+        if connection.noise is None:
+            continue
+        first = seeds.setdefault(connection.noise.seed, connection)
+        if first is not connection:
+            findings.note(
+                f"connection {connection}",
+                f"noise of the same seed as that of {first}: both are the same numbers. Give another seed.",
+            )
 
 
 # One entry
 
 
-def _connection(where: str, item: object, findings: Findings) -> Connection | None:
+def _connections(where: str, item: object, findings: Findings) -> list[Connection]:
+    """The connections of an entry: one, or one for each source of a sum; none if something is wrong."""
     if isinstance(item, str):
         ends: tuple[object, object] | None = _ends(where, item, findings)
         table: Mapping[str, Any] = {}
@@ -67,32 +80,91 @@ def _connection(where: str, item: object, findings: Findings) -> Connection | No
         ends = table.get("from"), table.get("to")
     else:
         findings.problem(where, "write a text 'a.y -> b.u' or a table { from = ..., to = ... }.")
-        return None
+        return []
     if ends is None:
-        return None
-    source, target = ends
-    if not isinstance(source, str) or not isinstance(target, str):
-        findings.problem(where, 'give both ends: { from = "a.y", to = "b.u", factor = 1.0, offset = 0.0 }.')
-        return None
-    stated: list[float] = []
-    for key, default in (("factor", 1), ("offset", 0)):
-        number = decimal(table.get(key, default))
-        if number is None or not number.is_finite() or isinstance(table.get(key), str):
-            findings.problem(f"{where}, {key}", f"{show_value(table.get(key))} is not a finite number.")
-            return None
-        stated.append(float(number))
+        return []
+    start, target = ends
+    addends = cast("list[object]", start) if isinstance(start, list) else [start]
+    if not addends or not all(isinstance(end, str) for end in (*addends, target)):
+        findings.problem(
+            where,
+            'give both ends: { from = "a.y", to = "b.u", factor = 1.0, offset = 0.0 }. A sum: '
+            '{ from = ["a.y", "c.y"], to = "b.u" }.',
+        )
+        return []
+    names = cast("list[str]", addends)
+    target = cast(str, target)
+    before = len(findings.problems)
+    offset = _finite(f"{where}, offset", table.get("offset", 0), findings)
+    noise = _noise(f"{where}, noise", table["noise"], findings) if "noise" in table else None
     units = table.get("units")
     if units not in (None, "convert", "suppress"):
         findings.problem(f"{where}, units", f'{show_value(units)}: give "convert" or "suppress".')
+    if any("." not in end for end in (*names, target)):
+        findings.problem(where, f"'{', '.join(names)} -> {target}': write INSTANCE.VARIABLE at both ends.")
+    if isinstance(start, list):
+        factors = _factors(where, table, len(names), findings)
+        for name in sorted({name for name in names if names.count(name) > 1}):
+            findings.problem(where, f"'{name}' is in the sum {names.count(name)} times. Name it once, with a factor.")
+    else:
+        factors = [_finite(f"{where}, factor", table.get("factor", 1), findings)]
+        if "factors" in table:
+            findings.problem(f"{where}, factors", "are those of a sum, from = [...]. Write factor.")
+    if len(findings.problems) > before:
+        return []
+    result: list[Connection] = []
+    for name, factor in zip(names, factors, strict=True):
+        # In a sum a sign converts nothing.
+        given = abs(factor) != 1.0 if isinstance(start, list) else "factor" in table
+        how = "converted" if units == "convert" else "given" if given else "suppressed" if units else "same"
+        stated = factor, 0.0 if result else offset
+        ends = _split(name), _split(target)
+        result.append(Connection(*ends, *stated, how, stated, added=bool(result), noise=None if result else noise))
+    return result
+
+
+def _split(end: str) -> tuple[str, str]:
+    name, _, variable = end.partition(".")
+    return name, variable
+
+
+def _finite(where: str, value: object, findings: Findings) -> float:
+    number = decimal(value)
+    if number is None or not number.is_finite() or isinstance(value, str):
+        findings.problem(where, f"{show_value(value)} is not a finite number.")
+        return 0.0
+    return float(number)
+
+
+def _factors(where: str, table: Mapping[str, Any], count: int, findings: Findings) -> list[float]:
+    """The factors of a sum, 1 where none are given."""
+    if "factor" in table:
+        findings.problem(f"{where}, factor", "a sum has a factor for each source: write factors = [1.0, -1.0].")
+    value = table.get("factors", [1] * count)
+    if not isinstance(value, list) or len(cast("list[object]", value)) != count:
+        findings.problem(f"{where}, factors", f"must be a list of {count} numbers, one a source.")
+        return [0.0] * count
+    return [_finite(f"{where}, factors", factor, findings) for factor in cast("list[object]", value)]
+
+
+def _noise(where: str, value: object, findings: Findings) -> Noise | None:
+    if not isinstance(value, Mapping):
+        findings.problem(where, "must be a table: noise = { rms = 2e-9, seed = 1 }, rms in the unit of the input.")
         return None
-    if "." not in source or "." not in target:
-        findings.problem(where, f"'{source} -> {target}': write INSTANCE.VARIABLE at both ends.")
+    table = cast("Mapping[str, Any]", value)
+    findings.known_keys(where, table, ("rms", "seed"))
+    missing = [key for key in ("rms", "seed") if key not in table]
+    if missing:
+        findings.problem(where, f"{' and '.join(missing)} missing: noise = {{ rms = 2e-9, seed = 1 }}.")
         return None
-    a, _, b = source.partition(".")
-    c, _, d = target.partition(".")
-    factor, offset = stated
-    how = "converted" if units == "convert" else "given" if "factor" in table else "suppressed" if units else "same"
-    return Connection((a, b), (c, d), factor, offset, how, (factor, offset))
+    before = len(findings.problems)
+    rms = _finite(f"{where}.rms", table["rms"], findings)
+    if rms < 0.0:
+        findings.problem(f"{where}.rms", f"{rms:g} must not be negative.")
+    seed = table["seed"]
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        findings.problem(f"{where}.seed", f"{show_value(seed)}: give a whole number of at least 0.")
+    return Noise(rms, cast(int, seed)) if len(findings.problems) == before else None
 
 
 def _ends(where: str, text: str, findings: Findings) -> tuple[str, str] | None:
@@ -111,29 +183,22 @@ def _ends(where: str, text: str, findings: Findings) -> tuple[str, str] | None:
     return parts[0].strip(), parts[1].strip()
 
 
-def arrow(connection: Connection) -> str | None:
-    """``a.y -> b.u`` for ends that ``read_connections`` reads back from it, else None."""
-    source, target = (".".join(end) for end in (connection.source, connection.target))
-    plain = all("->" not in end and end == end.strip() for end in (source, target))
-    return f"{source} -> {target}" if plain else None
-
-
 # Both ends
 
 
 def _checked(
-    connection: Connection, instances: Mapping[str, Instance], declared: Mapping[str, Any], findings: Findings
+    connection: Connection, ports: Mapping[str, Ports], declared: Mapping[str, Any], findings: Findings
 ) -> Connection | None:
     """The connection with its conversion, None if a problem was found or an instance could not be read."""
     where = f"connection {connection}"
     before = len(findings.problems)
     found: list[Variable] = []
     for (name, variable), causality in ((connection.source, "output"), (connection.target, "input")):
-        if name not in instances:
+        if name not in ports:
             if name not in declared:
                 findings.problem(where, f"no instance '{name}'.{suggest(name, declared)}")
             continue
-        fmu = instances[name].fmu
+        fmu = ports[name]
         known = fmu.outputs if causality == "output" else fmu.inputs
         if variable in known:
             found.append(fmu.variables[variable])
@@ -144,8 +209,11 @@ def _checked(
                 f"'{name}.{variable}' is of causality {what}; the {'left' if causality == 'output' else 'right'} "
                 f"end must be an {causality}." + (f" Known: {', '.join(known)}." if 0 < len(known) <= 12 else ""),
             )
+        elif causality == "input" and isinstance(fmu, SignalSource):
+            findings.problem(where, f"'{name}' is a record: nothing can be connected to it.")
         else:
-            findings.problem(where, f"{fmu.name} has no {causality} '{variable}'.{suggest(variable, known)}")
+            what = "column" if isinstance(fmu, SignalSource) else causality
+            findings.problem(where, f"{fmu.name} has no {what} '{variable}'.{suggest(variable, known)}")
     if len(findings.problems) > before or len(found) < 2:
         return None
     source, target = found
@@ -156,8 +224,16 @@ def _checked(
         findings.note(where, f"its numbers choose items of {target.name}: {_items(target)}.")
     if (connection.factor != 1.0 or connection.offset != 0.0) and target.type != "Real":
         findings.problem(where, f"factor and offset need an input of type Real, not {target.type}.")
-    fmus = instances[connection.source[0]].fmu, instances[connection.target[0]].fmu
-    checked = _with_units(where, connection, (source, target), fmus, findings)
+    if (connection.added or connection.noise is not None) and target.type != "Real":
+        findings.problem(where, f"sums and noise need an input of type Real, not {target.type}.")
+    ends = ports[connection.source[0]], ports[connection.target[0]]
+    checked = _with_units(where, connection, (source, target), ends, findings)
+    if isinstance(ends[0], SignalSource) and source.unit is None and connection.units == "same" and target.unit:
+        findings.note(
+            where,
+            f"nothing says the unit of '{connection.source[1]}': its values are taken as {target.unit}. Say it in "
+            f'signals.{connection.source[0]}.columns: unit = "{target.unit}".',
+        )
     return checked if len(findings.problems) == before else None
 
 
@@ -171,7 +247,7 @@ def _with_units(
     where: str,
     connection: Connection,
     variables: tuple[Variable, Variable],
-    fmus: tuple[Fmu, Fmu],
+    fmus: tuple[Ports, Ports],
     findings: Findings,
 ) -> Connection | None:
     """The connection with the conversion of its units, where it asks for one; None if they do not fit."""
@@ -189,7 +265,7 @@ def _with_units(
     return None
 
 
-def is_same_unit(one: Fmu, unit: str, other: Fmu, other_unit: str) -> bool:
+def is_same_unit(one: Ports, unit: str, other: Ports, other_unit: str) -> bool:
     """Whether two units of two FMUs mean the same: by what the files state about them, else by their names."""
     a, b = one.unit(unit), other.unit(other_unit)
     if a is None or b is None:

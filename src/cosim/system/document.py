@@ -28,7 +28,20 @@ def load_document(path: Path, parents: tuple[Path, ...] = ()) -> dict[str, Any]:
     parent = _base(path, base)
     if parent.resolve() in (path.resolve(), *(p.resolve() for p in parents)):
         raise DescriptionError(f"{path.name}: base: '{base}' leads back to this file.")
-    return merged(load_document(parent, (*parents, path)), document)
+    return merged(_moved(load_document(parent, (*parents, path)), parent.parent, path.parent), document)
+
+
+def _moved(document: dict[str, Any], source: Path, target: Path) -> dict[str, Any]:
+    """A document of the folder ``source`` for one of ``target``: the files of its signals stay where they are."""
+    signals = document.get("signals")
+    if source.resolve() == target.resolve() or not isinstance(signals, Mapping):
+        return document
+    tables: dict[str, Any] = dict(cast("Mapping[str, Any]", signals))
+    for name, table in tables.items():
+        items: Mapping[str, Any] = cast("Mapping[str, Any]", table) if isinstance(table, Mapping) else {}
+        if isinstance(items.get("file"), str):
+            tables[name] = {**items, "file": str(source.resolve() / items["file"])}
+    return {**document, "signals": tables}
 
 
 def _base(path: Path, base: object) -> Path:
@@ -82,14 +95,21 @@ def changed_document(
     """``document`` with start values and experiment replaced, and problems: what cannot be placed."""
     instances = document.get("instances")
     known = list(cast("Mapping[str, Any]", instances)) if isinstance(instances, Mapping) else []
+    given_signals = document.get("signals")
+    signals = dict(cast("Mapping[str, Any]", given_signals)) if isinstance(given_signals, Mapping) else {}
     problems: list[str] = []
     starts: dict[str, dict[str, object]] = {}
     for path, value in overrides.items():
         instance, dot, variable = path.partition(".")
         if not dot or not variable:
             problems.append(f"{name}: value for '{path}': write INSTANCE.VARIABLE, such as plant.m.")
+        elif instance in signals and isinstance(signals[instance], Mapping):
+            signals[instance] = _changed_signal(cast("Mapping[str, Any]", signals[instance]), variable, value)
+            document = {**document, "signals": signals}
         elif instance not in known:
-            problems.append(f"{name}: value for {path}: no instance '{instance}'.{suggest(instance, known)}")
+            problems.append(
+                f"{name}: value for {path}: no instance '{instance}'.{suggest(instance, [*known, *signals])}"
+            )
         else:
             starts.setdefault(instance, {})[variable] = value
     over: dict[str, Any] = {}
@@ -114,6 +134,18 @@ def changed_document(
     if given:
         over["experiment"] = given
     return merged(document, over), problems
+
+
+def _changed_signal(table: Mapping[str, Any], path: str, value: object) -> dict[str, Any]:
+    """A table of a signal with another value at ``file``, ``extend`` ..., or at ``columns.NAME.factor``."""
+    first, _, rest = path.partition(".")
+    column, _, key = rest.rpartition(".")
+    columns = table.get("columns")
+    if first != "columns" or not column or not isinstance(columns, Mapping):
+        return {**table, path: value}
+    given = cast("Mapping[str, Any]", columns).get(column, {})
+    inner = {"column": given} if isinstance(given, str) else dict(cast("Mapping[str, Any]", given))
+    return {**table, "columns": {**cast("Mapping[str, Any]", columns), column: {**inner, key: value}}}
 
 
 def _number(value: object) -> object:

@@ -27,12 +27,17 @@ class ExperimentTimes:
     tolerance: float | None = None
 
 
-def read_experiment(document: Mapping[str, Any], findings: Findings) -> ExperimentTimes:
-    """The experiment of a document."""
+def read_experiment(
+    document: Mapping[str, Any], findings: Findings, ends: Sequence[tuple[str, float]] = (), multiple: int = 1
+) -> ExperimentTimes:
+    """The experiment of a document.
+
+    ``ends`` are names and times in s of records that end the run, which then has a multiple of ``multiple`` steps.
+    """
     table = findings.table(document, "experiment")
     findings.known_keys("experiment", table, ("start_time", "stop_time", "step_size", "order", "tolerance"))
     start = _seconds(table, "start_time", Fraction(0), findings)
-    stop = _seconds(table, "stop_time", None, findings)
+    stop = _seconds(table, "stop_time", None, findings) if "stop_time" in table or not ends else None
     step = _seconds(table, "step_size", None, findings)
     if step is not None and step <= 0:
         findings.problem("experiment.step_size", f"{step} s must be positive.")
@@ -42,6 +47,8 @@ def read_experiment(document: Mapping[str, Any], findings: Findings) -> Experime
         stop = None
     tolerance = _tolerance(table, findings)
     order = _order(table.get("order", "sequential"), findings.table(document, "instances"), findings)
+    if start is not None and step is not None and ends and ("stop_time" not in table or stop is not None):
+        stop = _with_record(start, stop, step, ends, multiple, findings)
     if start is None or stop is None or step is None:
         return ExperimentTimes(order=order, tolerance=tolerance)
     steps = _steps(start, stop, step, findings)
@@ -66,6 +73,35 @@ def _seconds(table: Mapping[str, Any], key: str, default: Fraction | None, findi
         findings.problem(where, f"{show_value(value)} is not a finite number of seconds.{hint}")
         return None
     return number
+
+
+def _with_record(  # noqa: PLR0917
+    start: Number,
+    stop: Number | None,
+    step: Number,
+    ends: Sequence[tuple[str, float]],
+    multiple: int,
+    findings: Findings,
+) -> Number | None:
+    """The stop time of a run that ends with the first record to end: its last communication point before that."""
+    name, end = min(ends, key=lambda item: item[1])
+    if stop is not None and float(stop) <= end:
+        return stop
+    # A time such as 0.3 in a file may be a little less than 3 steps of 0.1.
+    steps = math.floor((end - float(start)) / float(step) + 1e-6) // multiple * multiple
+    if steps < 1:
+        findings.problem(
+            f"signals.{name}",
+            f"the record ends at {end:.9g} s, before the first communication step from {_decimal(start)} s on is over.",
+        )
+        return None
+    last = Fraction(start) + steps * Fraction(step)
+    if stop is not None:
+        findings.note(
+            f"signals.{name}",
+            f"the run ends at {float(last):.9g} s, where the record ends, not at stop_time = {_decimal(stop)} s.",
+        )
+    return last
 
 
 def _decimal(number: Number) -> Decimal:

@@ -7,11 +7,14 @@ from graphlib import CycleError, TopologicalSorter
 from typing import cast
 
 from .findings import Findings
-from .parts import Connection, Instance, Order
+from .parts import Connection, Instance, Order, sources
+
+Sources = Mapping[tuple[str, str], tuple[tuple[str, str], ...]]
+"""By connected input, the outputs that feed it."""
 
 
 def feedthrough(
-    instances: Mapping[str, Instance], connected: Mapping[tuple[str, str], tuple[str, str]]
+    instances: Mapping[str, Instance], connected: Sources
 ) -> dict[tuple[str, str], tuple[tuple[str, str], ...]]:
     """The outputs that depend directly on connected inputs, with these inputs."""
     outputs: dict[tuple[str, str], tuple[tuple[str, str], ...]] = {}
@@ -26,7 +29,7 @@ def feedthrough(
 def feedthrough_order(
     names: Sequence[str],
     outputs: Mapping[tuple[str, str], tuple[tuple[str, str], ...]],
-    connected: Mapping[tuple[str, str], tuple[str, str]],
+    connected: Sources,
 ) -> tuple[str, ...]:
     """Instances in the order of their feedthrough, which has no loop.
 
@@ -38,11 +41,16 @@ def feedthrough_order(
     visits: list[str] = []
 
     def complete(name: str) -> bool:
-        return not any(target[0] == name and source in pending for target, source in connected.items())
+        feeding = (source for target, ends in connected.items() if target[0] == name for source in ends)
+        return not any(source in pending for source in feeding)
 
     def known(name: str) -> set[tuple[str, str]]:
         own = {output for output in pending if output[0] == name}
-        return {output for output in own if not any(connected[needed] in pending for needed in outputs[output])}
+        return {
+            output
+            for output in own
+            if not any(source in pending for needed in outputs[output] for source in connected[needed])
+        }
 
     while waiting:
         name = next(filter(complete, waiting), None)
@@ -55,11 +63,9 @@ def feedthrough_order(
     return tuple(visits)
 
 
-def find_loop(
-    instances: Mapping[str, Instance], connected: Mapping[tuple[str, str], tuple[str, str]]
-) -> list[tuple[str, str]]:
-    """An algebraic loop through inputs and outputs, empty if there is none; ``connected`` gives each input's source."""
-    graph = {**feedthrough(instances, connected), **{target: (source,) for target, source in connected.items()}}
+def find_loop(instances: Mapping[str, Instance], connected: Sources) -> list[tuple[str, str]]:
+    """An algebraic loop through inputs and outputs, empty if there is none."""
+    graph = {**feedthrough(instances, connected), **connected}
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -71,7 +77,7 @@ def evaluation_order(
     instances: Mapping[str, Instance], connections: Sequence[Connection], order: Order, findings: Findings
 ) -> tuple[str, ...]:
     """In which order instances get their inputs and give their feedthrough outputs at a communication point."""
-    connected = {connection.target: connection.source for connection in connections}
+    connected = sources(connections)
     outputs = feedthrough(instances, connected)
     if isinstance(order, tuple):
         _late(connections, outputs, order, findings)

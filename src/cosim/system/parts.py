@@ -5,12 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
-from ..fmu.description import Fmu
-from ..fmu.variables import Value
+from ..fmu.description import Array, Fmu
+from ..fmu.variables import Value, Variable
+from ..units import Unit, resolve_unit
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ..record.resample import Resampler
 
 Order = Literal["sequential", "parallel"] | tuple[str, ...]
 
@@ -23,6 +31,57 @@ class Instance:
     fmu: Fmu
     start: Mapping[str, Value]
     step_multiple: int
+
+
+@dataclass(frozen=True)
+class SignalSource:
+    """A record as a source: an entry of ``[signals]``. Its columns are what outputs are of an FMU."""
+
+    name: str
+    path: Path
+    digest: str
+    """SHA-256 of the file."""
+    table: Mapping[str, Any]
+    """The entry as it is written."""
+    variables: Mapping[str, Variable]
+    columns: Mapping[str, NDArray[np.float64]] = field(repr=False, compare=False)
+    """By name, after factor and offset; derivatives, too."""
+    rates: frozenset[str]
+    """The columns that are derivatives: 0 where the record holds its first or last sample."""
+    resampler: Resampler = field(repr=False, compare=False)
+    shift: float
+    """Time of the record minus time of the run, in s."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(self.variables)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """None: nothing feeds a record."""
+        return ()
+
+    @property
+    def arrays(self) -> Mapping[str, Array]:
+        """None: ``a[1]`` is a column of its own."""
+        return {}
+
+    def unit(self, name: str) -> Unit | None:
+        """What a unit means, by its name; None for an unknown one."""
+        return resolve_unit(name)
+
+
+Ports = Fmu | SignalSource
+"""What a connection may begin at."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Normal noise on what an input gets: ``rms`` in the unit of the input, a new value each communication step."""
+
+    rms: float
+    seed: int
 
 
 Units = Literal["same", "converted", "given", "suppressed"]
@@ -41,6 +100,10 @@ class Connection:
     units: Units = "same"
     stated: tuple[float, float] = (1.0, 0.0)
     """Factor and offset as written, which act after a conversion of units; without one they are factor and offset."""
+    added: bool = False
+    """Whether the value is added to that of the connection before, which has the same target: a sum."""
+    noise: Noise | None = None
+    """What is added to the input, by the first of its connections."""
 
     def __str__(self) -> str:
         return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
@@ -54,17 +117,37 @@ def system_digest(  # noqa: PLR0917
     tolerance: float | None,
     record: Sequence[tuple[str, str]],
     decimation: int,
+    signals: Sequence[SignalSource] = (),
 ) -> str:
     """SHA-256 of everything that decides the results."""
-    content = {
+    content: dict[str, Any] = {
         "instances": {
             name: [i.fmu.digest, sorted(i.start.items()), i.step_multiple] for name, i in sorted(instances.items())
         },
-        "connections": sorted([str(c), c.factor, c.offset] for c in connections),
+        "connections": sorted(_connection_content(c) for c in connections),
         "times": [float(time) for time in times],
         "order": order,
         "tolerance": tolerance,
         "record": record,
         "decimation": decimation,
     }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    if signals:
+        content["signals"] = {signal.name: {**signal.table, "file": signal.digest} for signal in signals}
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=float).encode()).hexdigest()
+
+
+def _connection_content(connection: Connection) -> list[Any]:
+    content: list[Any] = [str(connection), connection.factor, connection.offset]
+    if connection.added:
+        content.append("added")
+    if connection.noise is not None:
+        content.append(f"noise of {connection.noise.rms!r}, seed {connection.noise.seed}")
+    return content
+
+
+def sources(connections: Sequence[Connection]) -> dict[tuple[str, str], tuple[tuple[str, str], ...]]:
+    """By connected input, the outputs that feed it: several of a sum."""
+    found: dict[tuple[str, str], tuple[tuple[str, str], ...]] = {}
+    for connection in connections:
+        found[connection.target] = (*found.get(connection.target, ()), connection.source)
+    return found

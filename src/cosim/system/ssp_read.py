@@ -7,12 +7,13 @@ systems, and a connector that nothing feeds is a constant, the value that is bou
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlsplit
 
 from ..errors import DescriptionError
 from ..fmu.description import read_fmu
@@ -93,11 +94,33 @@ class SspReader:
         if record is not None:
             names = [element.get("name") for element in record.findall(tag("cosim:Variable"))]
             document["record"] = {"variables": names, "decimation": int(record.get("decimation", "1"))}
+        if own is not None:
+            self.more(own.find(tag("cosim:Document")), document)
         if not self.names:
             self.problem("no component in it: there is nothing to run.")
         if self.problems:
             raise DescriptionError(self.problems)
         return document
+
+    def more(self, element: Any, document: dict[str, Any]) -> None:
+        """Enter what SSP has no word for: records, and the connections of inputs that get a record, a sum or noise."""
+        if element is None:
+            return
+        try:
+            more = json.loads(element.text or "", parse_float=Decimal)
+            connections, signals = list(more["connections"]), dict(more["signals"])
+        except (ValueError, TypeError, KeyError):
+            self.problem("the annotation of signals cannot be read. Export the system again.")
+            return
+        for name, table in signals.items():
+            try:
+                table["file"] = self.package.file(quote(str(table.get("file", ""))))
+            except DescriptionError as error:
+                self.problem(f"signals.{name}: {error}")
+        if signals:
+            document["signals"] = signals
+        targets = {c.split("->")[1].strip() if isinstance(c, str) else c.get("to") for c in connections}
+        document["connections"] = [c for c in document["connections"] if c["to"] not in targets] + connections
 
     # Elements
 

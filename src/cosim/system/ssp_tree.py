@@ -85,7 +85,7 @@ def instance_names(components: Iterable[Part]) -> dict[Path, str]:
     a name is taken: so a name depends only on what stands in the file before it.
     """
     paths = [component.path for component in components]
-    names = {path: path[0] for path in paths if len(path) == 1 and NAME.fullmatch(path[0])}
+    names: dict[Path, str] = {path: path[0] for path in paths if len(path) == 1 and NAME.fullmatch(path[0])}
     taken = set(names.values())
     for path in paths:
         if path in names:

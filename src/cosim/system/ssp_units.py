@@ -72,7 +72,7 @@ class ConnectorUnits:
     def meant(self, path: Path, name: str, *own: Mapping[str, Unit]) -> NamedUnit:
         """What ``name`` means at an element; the definitions ``own`` come first."""
         fmu = self.parts[path].fmu
-        stated = {} if fmu is None else fmu.base_units
+        stated: Mapping[str, Unit] = {} if fmu is None else fmu.base_units
         return NamedUnit(name, resolve_unit(name, *own, stated, self.defined))
 
     def own(self, end: End) -> NamedUnit | None:

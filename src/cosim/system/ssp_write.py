@@ -1,12 +1,13 @@
 """Systems as SSP 1.0 (System Structure and Parameterization): what other tools read, with the FMUs inside.
 
 ``write_ssp`` packs a checked system; ``read_ssp`` gives the document of an .ssp or .ssd for ``make_system``. What SSP
-has no word for (communication step size, order, step multiples, record) stands in annotations of type
-``motion-cosim``; readers that do not know them use the rest.
+has no word for (communication step size, order, step multiples, record, signals, sums, noise) stands in annotations of
+type ``motion-cosim``; readers that do not know them use the rest.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -21,6 +22,7 @@ from ..units import BASE_UNITS
 from .parts import Connection
 from .ssp_integers import with_integers
 from .ssp_names import ANNOTATION, NAMESPACES, tag
+from .written import connection_entries, record_names, signal_tables, unique_names
 
 if TYPE_CHECKING:
     from .system import System
@@ -43,45 +45,67 @@ def write_ssp(system: System, target: str | Path, *, integers: bool = False) -> 
     ``integers`` declares the variables of type Enumeration as whole numbers in the FMUs, for importers that know none.
     """
     target = Path(target)
-    files = resource_names(system)
+    files = unique_names(path for paths in (resource_names(system), record_names(system)) for path in paths)
     description = structure(system, {path: f"resources/{name}" for path, name in files.items()})
     start = "SystemStructure.ssd"
     members: dict[str, bytes | Path] = {start: description}
+    fmus = {instance.fmu.path for instance in system.instances}
     for path, name in files.items():
-        members[f"resources/{name}"] = with_integers(path.read_bytes()) if integers else path
+        members[f"resources/{name}"] = with_integers(path.read_bytes()) if integers and path in fmus else path
     write_zip(target, members, start, deflated=(start,))
     return target
 
 
-def chosen_items(system: System) -> list[str]:
-    """The variables of type Enumeration whose start value is not the FMU's own: what some importers read past."""
-    return [
+def resource_names(system: System) -> dict[Path, str]:
+    """A file name for each FMU of the system; different FMUs of one name are told apart by a number."""
+    return unique_names(instance.fmu.path for instance in system.instances)
+
+
+def lost_elsewhere(system: System, *, integers: bool = False) -> list[str]:
+    """What other tools do not do when they run the .ssp of this system, a sentence each.
+
+    ``integers`` tells that its FMUs declare enumerations as whole numbers.
+    """
+    lost: list[str] = []
+    own = own_connections(system)
+    open_inputs = dict.fromkeys(".".join(c.target) for c in own if _is_own(system, c))
+    if open_inputs:
+        lost.append(
+            f"records and sums are beyond SSP 1.0: other tools leave {', '.join(open_inputs)} unconnected. "
+            "The package holds the records as resources."
+        )
+    noisy = [".".join(c.target) for c in own if c.noise is not None and not _is_own(system, c)]
+    if noisy:
+        lost.append(f"noise is beyond SSP 1.0: other tools leave out that on {', '.join(noisy)}.")
+    chosen = [
         f"{instance.name}.{name}"
         for instance in system.instances
         for name, value in instance.start.items()
         if instance.fmu.variables[name].type == "Enumeration" and value != instance.fmu.variables[name].start
     ]
+    if chosen and not integers:
+        lost.append(
+            f"libcosim and ecos know no enumerations and read past {', '.join(chosen)}. For them, add --enumerations "
+            "integer."
+        )
+    return lost
 
 
-def resource_names(system: System) -> dict[Path, str]:
-    """A file name for each FMU of the system; different FMUs of one name are told apart by a number."""
-    names: dict[Path, str] = {}
-    taken: set[str] = set()
-    for instance in system.instances:
-        path = instance.fmu.path
-        if path in names:
-            continue
-        name, number = path.name, 1
-        while name.lower() in taken:
-            number += 1
-            name = f"{path.stem}_{number}.fmu"
-        taken.add(name.lower())
-        names[path] = name
-    return names
+def own_connections(system: System) -> list[Connection]:
+    """The connections that SSP has no word for: all of an input that gets a record, a sum or noise."""
+    targets = {c.target for c in system.connections if c.noise is not None or _is_own(system, c)}
+    return [connection for connection in system.connections if connection.target in targets]
+
+
+def _is_own(system: System, connection: Connection) -> bool:
+    """Whether other tools cannot do a connection even in part."""
+    records = {signal.name for signal in system.signals}
+    same = [c for c in system.connections if c.target == connection.target]
+    return len(same) > 1 or connection.source[0] in records
 
 
 def structure(system: System, sources: Mapping[Path, str]) -> bytes:
-    """SystemStructure.ssd of a system; ``sources`` gives the URI of each FMU file relative to it."""
+    """SystemStructure.ssd of a system; ``sources`` gives the path of each FMU and record relative to it."""
     for prefix, uri in NAMESPACES.items():
         ElementTree.register_namespace(prefix, uri)
     root = ElementTree.Element(
@@ -127,6 +151,8 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             _sub(hint, "osp:StepSizeHint", value=str(system.step_size * instance.step_multiple))
     connections = _sub(top, "ssd:Connections")
     for connection in system.connections:
+        if _is_own(system, connection):
+            continue
         element = _sub(
             connections,
             "ssd:Connection",
@@ -136,7 +162,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             endConnector=connection.target[1],
         )
         _transformation(element, connection)
-    if not system.connections:
+    if not len(connections):
         top.remove(connections)
     # OMSimulator reads no system that does not name its master, and takes a tolerance left out as 0.
     holder = _sub(_sub(_sub(top, "ssd:Annotations"), "ssc:Annotation", type="org.openmodelica"), "oms:Annotations")
@@ -155,6 +181,12 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
     record = _sub(own, "cosim:Record", decimation=str(system.decimation))
     for name, variable in system.record:
         _sub(record, "cosim:Variable", name=f"{name}.{variable}")
+    if own_connections(system) or system.signals:
+        more = {
+            "connections": connection_entries(own_connections(system)),
+            "signals": signal_tables(system, sources),
+        }
+        _sub(own, "cosim:Document").text = json.dumps(more, default=float, ensure_ascii=False)
     return document(root)
 
 

@@ -44,7 +44,7 @@ from ..fmu.places import find_system, has_ending
 from ..fmu.variables import Value, Variable
 from .check import checked_fields
 from .document import changed_document, load_document
-from .parts import Connection, Instance, Order, system_digest
+from .parts import Connection, Instance, Order, Ports, SignalSource, system_digest
 from .single import fmu_document, full_names
 from .values import start_value
 
@@ -56,6 +56,7 @@ class System:
     name: str
     description: str
     instances: tuple[Instance, ...]
+    signals: tuple[SignalSource, ...]
     connections: tuple[Connection, ...]
     start_time: Decimal
     stop_time: Decimal
@@ -90,8 +91,9 @@ class System:
         raise DescriptionError(f"{self.name}: no instance '{name}'.{suggest(name, (i.name for i in self.instances))}")
 
     def variable(self, instance: str, name: str) -> Variable:
-        """A variable of an instance. Raises DescriptionError."""
-        fmu = self.instance(instance).fmu
+        """A variable of an instance, or a column of a signal. Raises DescriptionError."""
+        signal = next((signal for signal in self.signals if signal.name == instance), None)
+        fmu: Ports = self.instance(instance).fmu if signal is None else signal
         if name not in fmu.variables:
             raise DescriptionError(f"{self.name}: {fmu.name} has no variable '{name}'.{suggest(name, fmu.variables)}")
         return fmu.variables[name]
@@ -130,6 +132,8 @@ class System:
         starts: dict[str, dict[str, Value]] = {}
         for path, given in overrides.items():
             name, _, variable_name = path.partition(".")
+            if any(signal.name == name for signal in self.signals):
+                return None
             variable = self.instance(name).fmu.variables.get(variable_name)
             if variable is None or variable_name == "T_s" or not variable.settable:
                 return None
@@ -146,7 +150,14 @@ class System:
         }
         times = (self.start_time, self.stop_time, self.step_size)
         digest = system_digest(
-            instances, self.connections, times, self.order, self.tolerance, self.record, self.decimation
+            instances,
+            self.connections,
+            times,
+            self.order,
+            self.tolerance,
+            self.record,
+            self.decimation,
+            self.signals,
         )
         return replace(self, instances=tuple(instances.values()), digest=digest, document=document)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from ..fmu.variables import Variable
 from .connections import ACCEPTED_TYPES, is_same_unit
 from .order import find_loop
-from .parts import Instance
+from .parts import Instance, sources
 from .system import System
 from .values import show_start
 
@@ -35,7 +35,7 @@ def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
     no algebraic loop. A source, which has no inputs, fits references only: its output ``x`` fits the input ``x_ref``.
     """
     instances = {instance.name: instance for instance in system.instances}
-    connected = {connection.target: connection.source for connection in system.connections}
+    connected = sources(system.connections)
     found: dict[Input, tuple[str, ...]] = {}
     for target in unconnected_inputs(system):
         name, input_name = target
@@ -44,7 +44,7 @@ def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
         fitting = [
             source
             for source in _fitting(name, instances[name].fmu.variables[input_name], instances)
-            if not find_loop(instances, {**connected, target: source})
+            if not find_loop(instances, {**connected, target: (source,)})
         ]
         if fitting:
             # Of two axes, the one of the same ending: plant_x for controller_x.

@@ -11,8 +11,8 @@ import pytest
 
 from cosim.commands.cli import main
 from cosim.design.identify import nct_from_signals
-from cosim.design.measured import read_columns
 from cosim.errors import DescriptionError
+from cosim.record.read import read_record
 
 POINTS = "t,u,x\n0.0,1.5,-2e-3\n0.1,0,0.25\n"
 EXPECTED = {"t": [0.0, 0.1], "u": [1.5, 0.0], "x": [-2e-3, 0.25]}
@@ -40,7 +40,8 @@ def semicolons(text: str) -> str:
 def test_columns_are_read(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.CSV"
     path.write_bytes(content)
-    assert {name: values.tolist() for name, values in read_columns(path).items()} == EXPECTED
+    record = read_record(path)
+    assert {"t": record.time.tolist(), **{name: v.tolist() for name, v in record.columns.items()}} == EXPECTED
 
 
 @pytest.mark.parametrize(
@@ -65,21 +66,21 @@ def test_what_cannot_be_read_is_said(tmp_path: Path, change: Callable[[str], str
     path = tmp_path / "a.csv"
     path.write_text(change(POINTS), encoding="utf-8")
     with pytest.raises(DescriptionError, match=re.escape(text)):
-        read_columns(path)
+        read_record(path)
 
 
 def test_decimal_commas_between_commas_get_the_remedy(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t,u,x\n0,0,1,5,0,25\n", encoding="utf-8")
     with pytest.raises(DescriptionError, match="If numbers have a decimal comma, divide cells by semicolons"):
-        read_columns(path)
+        read_record(path)
 
 
 def test_only_the_first_wrong_cells_are_told(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("t\n" + "nan\n" * 9, encoding="utf-8")
+    path.write_text("t,x\n" + "".join(f"{k},nan\n" for k in range(9)), encoding="utf-8")
     with pytest.raises(DescriptionError) as caught:
-        read_columns(path)
+        read_record(path)
     assert len(caught.value.problems) == 6
     assert caught.value.problems[-1].endswith("4 more cells like these.")
 

@@ -1,0 +1,75 @@
+"""Derivatives of recorded signals by time."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DescriptionError
+from ..units import parse_unit
+from .header import is_unit
+
+Array = NDArray[np.float64]
+
+
+def differences(time: Array, values: Array, order: int) -> Array:
+    """Central differences of second order, one-sided at both ends; ``order`` 2 takes them twice. No smoothing."""
+    if time.size < 3:
+        raise DescriptionError(f"{time.size} samples: derivatives need at least 3.")
+    for _ in range(order):
+        values = np.gradient(values, time, edge_order=2)
+    return values
+
+
+def smoothed(time: Array, values: Array, order: int, *, window: float, polynomial: int) -> Array:
+    """Derivatives of polynomials that are fitted to the samples around each (Savitzky and Golay 1964).
+
+    ``window`` in s is the length of the piece that a polynomial is fitted to, the sample in its middle.
+    Raises DescriptionError where it does not fit the record, or the samples are not equally spaced.
+    """
+    try:
+        signal: Any = import_module("scipy.signal")
+    except ModuleNotFoundError:
+        raise DescriptionError("smoothing needs scipy, which is not installed: install motion-cosim[tools].") from None
+    steps = np.diff(time)
+    step = float(np.median(steps)) if steps.size else 0.0
+    # The filter counts samples. A tenth of a step is more than what rounded times differ by.
+    if not steps.size or np.max(np.abs(steps - step)) > 0.1 * step:
+        raise DescriptionError("smoothing needs equally spaced samples. Resample the record before.")
+    count = 2 * round(0.5 * window / step) + 1
+    if count <= polynomial or order > polynomial:
+        raise DescriptionError(
+            f"smoothing.window = {window:g} s holds {count} samples of {step:.6g} s: a polynomial of degree "
+            f"{polynomial} needs more, and a degree of at least {order}. Take a longer window."
+        )
+    if count > time.size:
+        raise DescriptionError(
+            f"smoothing.window = {window:g} s is longer than the record, {time.size} samples of {step:.6g} s."
+        )
+    mean_step = float(time[-1] - time[0]) / (time.size - 1)
+    return np.asarray(signal.savgol_filter(values, count, polynomial, deriv=order, delta=mean_step), dtype=np.float64)
+
+
+def derivative_name(name: str, order: int) -> str:
+    """``der(x)``, ``der(x,2)``: names of derivatives in the structured naming convention of FMI."""
+    return f"der({name})" if order == 1 else f"der({name},{order})"
+
+
+def derivative_unit(unit: str, order: int) -> str:
+    """The unit of a derivative by time in s; "" if that of the signal is not known."""
+    # A scale with a zero of its own has no derivative in its unit: 1 degC/s is 1 K/s.
+    if not is_unit(unit) or parse_unit(unit).offset:
+        return ""
+    seconds = "s" if order == 1 else f"s{order}"
+    above, _, below = unit.partition("/")
+    if not below:
+        return f"{above}/{seconds}"
+    own = [factor for factor in below.strip("()").split(".") if factor]
+    power = next((int(f[1:] or 1) for f in own if (f[0] == "s" and f[1:].isdigit()) or f == "s"), 0)
+    rest = [factor for factor in own if not (factor == "s" or (factor[0] == "s" and factor[1:].isdigit()))]
+    together = [*rest, f"s{order + power}" if order + power > 1 else "s"]
+    text = f"{above}/{together[0]}" if len(together) == 1 else f"{above}/({'.'.join(together)})"
+    return text if is_unit(text) else ""

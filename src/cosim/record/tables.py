@@ -1,0 +1,183 @@
+"""Tables in Parquet files and in MAT files (version 5, what MATLAB saves with ``-v7`` or ``-v6``)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DescriptionError
+from .csv import CsvTable
+from .description import columns_of, read_description
+
+TEXT = (".csv", ".tsv", ".txt", ".dat")
+"""Endings of files that are read as CSV."""
+
+
+class Table(Protocol):
+    """The columns of a file."""
+
+    labels: list[str]
+    units: list[str]
+    """One a column, "" where the file does not say it beside the label."""
+    metadata: Mapping[str, object]
+
+    def values(self, columns: Sequence[int]) -> NDArray[np.float64]:
+        """The values of some columns, one line a row; NaN where a cell is no number."""
+        ...
+
+    def place(self, row: int) -> str:
+        """Where row number ``row``, from 0, stands."""
+        ...
+
+    def is_number(self, row: int, column: int) -> bool:
+        """Whether a cell holds a number, which may be not finite."""
+        ...
+
+    def wrong(self, row: int, column: int) -> str:
+        """Why a cell gives no finite number."""
+        ...
+
+
+def open_table(path: Path) -> Table:
+    """The table in a file, by the ending of its name. Raises DescriptionError."""
+    ending = path.suffix.lower()
+    if ending in TEXT:
+        table = CsvTable(path)
+        table.metadata = read_description(path)
+        described = {column.name: column.unit for column in columns_of(path, table.metadata)}
+        table.units = [unit or described.get(name, "") for name, unit in zip(table.labels, table.units, strict=True)]
+        return table
+    if ending in (".parquet", ".mat"):
+        if not path.is_file():
+            raise DescriptionError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}.")
+        return ParquetTable(path) if ending == ".parquet" else MatTable(path)
+    raise DescriptionError(f"{path}: the name of a record must end in {', '.join((*TEXT, '.parquet', '.mat'))}.")
+
+
+class _Arrays:
+    """Columns that are arrays of numbers already."""
+
+    def __init__(self, columns: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, object]) -> None:
+        self.labels = list(columns)
+        self.units = ["" for _ in columns]
+        self.metadata = metadata
+        self._columns = list(columns.values())
+
+    def values(self, columns: Sequence[int]) -> NDArray[np.float64]:
+        return np.column_stack([self._columns[column] for column in columns])
+
+    def place(self, row: int) -> str:
+        return f"row {row + 1}"
+
+    def is_number(self, row: int, column: int) -> bool:
+        return True
+
+    def wrong(self, row: int, column: int) -> str:
+        return f"{self._columns[column][row]:g} is not finite. Leave the row out, or interpolate before."
+
+
+class ParquetTable(_Arrays):
+    """A table of numbers, with units and metadata as ``RecordWriter`` writes them. Raises DescriptionError."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            parquet: Any = import_module("pyarrow.parquet")
+        except ModuleNotFoundError:
+            raise DescriptionError(
+                f"{path}: to read Parquet needs pyarrow, which is not installed: install motion-cosim[parquet]."
+            ) from None
+        arrow: Any = import_module("pyarrow")
+        try:
+            file = parquet.ParquetFile(path)
+            table = file.read()
+        except (arrow.ArrowException, OSError) as error:
+            raise DescriptionError(f"{path}: is no Parquet file that can be read ({error}).") from None
+        columns: dict[str, NDArray[np.float64]] = {}
+        self._texts: dict[str, list[object]] = {}
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            kind = column.type
+            if arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_boolean(kind):
+                columns[name] = column.cast(arrow.float64()).to_numpy()
+            else:
+                self._texts[name] = column.slice(0, 1).to_pylist()
+                columns[name] = np.full(len(column), np.nan)
+        super().__init__(columns, _decoded(file.metadata.metadata or {}))
+        fields: list[Mapping[bytes, bytes] | None] = [field.metadata for field in table.schema]
+        self.units = [(field or {}).get(b"unit", b"").decode("utf-8", "replace") for field in fields]
+
+    def is_number(self, row: int, column: int) -> bool:
+        return self.labels[column] not in self._texts
+
+    def wrong(self, row: int, column: int) -> str:
+        texts = self._texts.get(self.labels[column])
+        if texts is not None:
+            return f"{texts[0]!r} is not a number."
+        return super().wrong(row, column)
+
+
+def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, object]:
+    """Metadata of a Parquet file; what ``RecordWriter`` turned into JSON comes back as it was."""
+    result: dict[str, object] = {}
+    for key, value in metadata.items():
+        if key == b"ARROW:schema":
+            continue
+        text = value.decode("utf-8", "replace")
+        try:
+            result[key.decode("utf-8", "replace")] = json.loads(text)
+        except ValueError:
+            result[key.decode("utf-8", "replace")] = text
+    return result
+
+
+class MatTable(_Arrays):
+    """Vectors of one length in a MAT file, those inside structs by ``struct.field``; a matrix gives ``name[1]`` ...
+
+    The length is that of the most vectors. Scalars and texts are metadata. Raises DescriptionError.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            scipy_io: Any = import_module("scipy.io")
+        except ModuleNotFoundError:
+            raise DescriptionError(
+                f"{path}: to read MAT files needs scipy, which is not installed: install motion-cosim[tools]."
+            ) from None
+        try:
+            content = cast("dict[str, Any]", scipy_io.loadmat(path, simplify_cells=True))
+        except NotImplementedError:
+            raise DescriptionError(
+                f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7."
+            ) from None
+        except (ValueError, TypeError, OSError, EOFError, KeyError, IndexError, MemoryError) as error:
+            raise DescriptionError(f"{path}: is no MAT file that can be read ({error}).") from None
+        vectors: dict[str, NDArray[np.float64]] = {}
+        metadata: dict[str, object] = {}
+        for name, value in _leaves("", {key: value for key, value in content.items() if not key.startswith("__")}):
+            array = np.asarray(value)
+            if array.dtype.kind not in "fiub" or array.ndim > 2:
+                metadata.update({name: value} if isinstance(value, str) else {})
+            elif array.ndim == 0:
+                metadata[name] = array.item()
+            elif array.ndim == 1:
+                vectors[name] = array.astype(np.float64)
+            else:
+                vectors.update({f"{name}[{i + 1}]": array[:, i].astype(np.float64) for i in range(array.shape[1])})
+        lengths = [vector.size for vector in vectors.values()]
+        if not lengths:
+            raise DescriptionError(f"{path}: holds no vectors of numbers.")
+        length = max(lengths, key=lambda size: (lengths.count(size), size))
+        super().__init__({name: vector for name, vector in vectors.items() if vector.size == length}, metadata)
+
+
+def _leaves(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        if isinstance(value, dict):
+            yield from _leaves(f"{prefix}{name}.", cast("dict[str, Any]", value))
+        else:
+            yield f"{prefix}{name}", value

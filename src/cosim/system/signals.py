@@ -1,0 +1,320 @@
+"""The table ``[signals]``: records as sources, read, scaled and derived."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DescriptionError
+from ..fmu.tables import Number, Positive, Seconds, Table, Text, checked
+from ..fmu.variables import Variable
+from ..record.derive import derivative_name, derivative_unit, differences, smoothed
+from ..record.header import is_unit
+from ..record.read import Record, read_record
+from ..record.resample import Resampler
+from ..units import parse_unit
+from .findings import Findings
+from .instances import NAME
+from .parts import SignalSource
+from .values import fraction
+
+HIGHEST = 2
+"""Order of derivatives that are computed: velocity and acceleration of a position."""
+
+
+class SmoothingData(Table):
+    """How derivatives are smoothed: by a polynomial through the samples in a window in s."""
+
+    EXAMPLE: ClassVar[str] = 'smoothing = { window = 0.01, polynomial = 3 }, or smoothing = "none"'
+
+    window: Positive
+    polynomial: Literal[1, 2, 3, 4, 5, 6, 7] = 3
+
+
+class ColumnData(Table):
+    """A column of the file as a signal: ``factor*column + offset`` in ``unit``."""
+
+    EXAMPLE: ClassVar[str] = '{ column = "current", factor = 2.1, offset = 0.0, unit = "N" }'
+
+    column: Text
+    factor: Number | None = None
+    offset: Number = 0.0
+    unit: Text | None = None
+    derivatives: Literal[0, 1, 2] = 0
+    smoothing: SmoothingData | None = None
+
+
+class SignalData(Table):
+    """An entry of ``[signals]``."""
+
+    EXAMPLE: ClassVar[str] = 'file = "stage.csv"'
+
+    file: Text
+    time: Text | None = None
+    sampling_time: Seconds | None = None
+    start_time: Number | None = None
+    columns: Mapping[str, ColumnData] | None = None
+    interpolation: Literal["hold", "linear"] = "hold"
+    extend: Literal["hold", "repeat", "stop"] = "hold"
+
+
+class SignalsData(Table):
+    """The part of a system file that is read here."""
+
+    signals: Mapping[str, SignalData]
+
+
+def read_signals(
+    document: Mapping[str, Any], folder: Path, start_time: float, findings: Findings
+) -> dict[str, SignalSource]:
+    """The signals of a document; ``folder`` is where paths start, ``start_time`` that of the run in s."""
+    tables = findings.table(document, "signals")
+    data, problems = checked({"signals": _plain(tables)}, SignalsData, findings.name)
+    findings.problems += problems
+    result: dict[str, SignalSource] = {}
+    entries: Mapping[str, SignalData] = {} if data is None else data.signals
+    for name, entry in entries.items():
+        where = f"signals.{name}"
+        if not NAME.fullmatch(name):
+            findings.problem(where, "the name is made of letters, digits and _, and starts with no digit.")
+        elif name in findings.table(document, "instances"):
+            findings.problem(where, "an instance has this name, too. Rename one.")
+        else:
+            try:
+                source = _source(name, entry, cast("Mapping[str, Any]", tables[name]), folder, start_time, findings)
+            except DescriptionError as error:
+                for problem in error.problems:
+                    findings.problem(where, problem)
+                continue
+            if source is not None:
+                result[name] = source
+    return result
+
+
+def _plain(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables with every column as a table, as the model has it; smoothing "none" is no smoothing."""
+    plain: dict[str, Any] = {}
+    for name, table in tables.items():
+        items: Any = dict(cast("Mapping[str, Any]", table)) if isinstance(table, Mapping) else table
+        if isinstance(table, Mapping) and isinstance(items.get("columns"), Mapping):
+            columns = cast("Mapping[str, Any]", items["columns"])
+            items["columns"] = {key: _plain_column(value) for key, value in columns.items()}
+        plain[name] = items
+    return plain
+
+
+def _plain_column(value: object) -> object:
+    if isinstance(value, str):
+        return {"column": value}
+    if not isinstance(value, Mapping):
+        return value  # pyright: ignore[reportUnknownVariableType]
+    items = cast("Mapping[str, Any]", value)
+    return {key: item for key, item in items.items() if (key, item) != ("smoothing", "none")}
+
+
+# ---- one entry ----
+
+
+def _source(  # noqa: PLR0917
+    name: str, entry: SignalData, table: Mapping[str, Any], folder: Path, start_time: float, findings: Findings
+) -> SignalSource | None:
+    where = f"signals.{name}"
+    before = len(findings.problems)
+    sampling_time = None if entry.sampling_time is None else fraction(entry.sampling_time)
+    if entry.sampling_time is not None and sampling_time is None:
+        findings.problem(f"{where}.sampling_time", f"'{entry.sampling_time}' is no number of seconds.")
+        return None
+    wanted = None if entry.columns is None else tuple(dict.fromkeys(c.column for c in entry.columns.values()))
+    path = folder / entry.file
+    seconds = None if sampling_time is None else float(sampling_time)
+    record, digest = _read(path, entry.time, seconds, wanted)
+    chosen = entry.columns or {column: ColumnData(column=column) for column in record.columns}
+    columns: dict[str, NDArray[np.float64]] = {}
+    variables: dict[str, Variable] = {}
+    rates: set[str] = set()
+    for key, column in chosen.items():
+        place = f"{where}.columns.{key}"
+        written = cast("Mapping[str, Any]", table.get("columns", {})).get(key)
+        if not _smoothing_said(place, column, written, findings):
+            continue
+        scaled = _scaled(place, column, record, findings)
+        if scaled is None:
+            continue
+        columns[key], unit = scaled
+        text = f"column {column.column} of {entry.file}"
+        variables[key] = _variable(key, unit, text)
+        for order in range(1, column.derivatives + 1):
+            derivative = derivative_name(key, order)
+            try:
+                columns[derivative] = _derivative(record, columns[key], order, column.smoothing)
+            except DescriptionError as error:
+                findings.problem(place, str(error))
+                break
+            variables[derivative] = _variable(derivative, derivative_unit(unit, order), f"derivative of {text}")
+            rates.add(derivative)
+    if len(findings.problems) > before:
+        return None
+    if uneven := record.uneven():
+        findings.note(where, uneven)
+    resampler = Resampler(record.time, linear=entry.interpolation == "linear", repeat=entry.extend == "repeat")
+    shift = 0.0 if entry.start_time is None else entry.start_time - start_time
+    return SignalSource(
+        name, path, digest, table, variables, columns, rates=frozenset(rates), resampler=resampler, shift=shift
+    )
+
+
+def _smoothing_said(where: str, column: ColumnData, written: object, findings: Findings) -> bool:
+    """Whether a column says how its derivatives are computed, and has derivatives if it does."""
+    said = isinstance(written, Mapping) and "smoothing" in cast("Mapping[str, Any]", written)
+    if column.derivatives and not said:
+        findings.problem(
+            where,
+            'say how derivatives are computed: smoothing = "none" for central differences, or smoothing = '
+            "{ window = 0.01, polynomial = 3 } for polynomials fitted to the samples of so many seconds.",
+        )
+    elif said and not column.derivatives:
+        findings.problem(where, "smoothing is that of derivatives: write derivatives = 1 or 2, or leave it out.")
+    return said == (column.derivatives > 0)
+
+
+def _scaled(
+    where: str, column: ColumnData, record: Record, findings: Findings
+) -> tuple[NDArray[np.float64], str] | None:
+    """The values of a column as a signal, and their unit."""
+    told = record.units[column.column]
+    factor, offset = column.factor, column.offset
+    if column.unit is not None and not is_unit(column.unit):
+        try:
+            parse_unit(column.unit)
+        except DescriptionError as error:
+            findings.problem(f"{where}.unit", str(error))
+            return None
+    unit = column.unit or told
+    if factor is None and column.unit and told:
+        found = parse_unit(told).conversion(parse_unit(column.unit)) if is_unit(told) else None
+        if found is None:
+            findings.problem(
+                f"{where}.unit",
+                f"the file says {told}, which cannot be converted to {column.unit}. Give factor = ... "
+                f"({column.unit} per {told}).",
+            )
+            return None
+        factor, offset = found[0], found[1] + offset
+    elif factor not in (None, 1.0) and not column.unit:
+        unit = ""
+        if told:
+            findings.problem(f"{where}.factor", f'the file says {told}: say the unit after the factor, unit = "...".')
+            return None
+    values = record.columns[column.column]
+    # A product with 1 and a sum with 0 would turn -0.0 to 0.0.
+    values = values if factor in (None, 1.0) else values * factor
+    values = values if offset == 0.0 else values + offset
+    if not np.all(np.isfinite(values)):
+        findings.problem(where, f"factor {factor} and offset {offset:g} give values that are not finite.")
+        return None
+    return values, unit
+
+
+def _derivative(
+    record: Record, values: NDArray[np.float64], order: int, smoothing: SmoothingData | None
+) -> NDArray[np.float64]:
+    if smoothing is None:
+        return differences(record.time, values, order)
+    return smoothed(record.time, values, order, window=smoothing.window, polynomial=smoothing.polynomial)
+
+
+def _variable(name: str, unit: str, text: str) -> Variable:
+    return Variable(
+        name=name,
+        reference=0,
+        type="Real",
+        passed_as="Float64",
+        causality="output",
+        variability="discrete",
+        initial=None,
+        unit=unit or None,
+        display_unit=None,
+        start=None,
+        start_text=None,
+        min=None,
+        max=None,
+        description=text,
+        items={},
+    )
+
+
+def _read(
+    path: Path, time: str | None, sampling_time: float | None, columns: tuple[str, ...] | None
+) -> tuple[Record, str]:
+    """A record and the SHA-256 of its file; read once in a process, as long as the file is the same."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        read_record(path)  # says what is wrong
+        raise
+    return _kept(path, (status.st_mtime_ns, status.st_size), time, sampling_time, columns)
+
+
+@lru_cache(maxsize=8)
+def _kept(
+    path: Path,
+    stamp: tuple[int, int],
+    time: str | None,
+    sampling_time: float | None,
+    columns: tuple[str, ...] | None,
+) -> tuple[Record, str]:
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return read_record(path, time=time, sampling_time=sampling_time, columns=columns), digest
+
+
+# ---- signals and the experiment ----
+
+
+def record_ends(signals: Mapping[str, SignalSource]) -> Iterator[tuple[str, float]]:
+    """Names of the signals that end the run with their record, and when that is in s of the run."""
+    for name, signal in signals.items():
+        if signal.table.get("extend") == "stop":
+            yield name, float(signal.resampler.time[-1]) - signal.shift
+
+
+def check_times(signals: Mapping[str, SignalSource], times: tuple[float, float, float], findings: Findings) -> None:
+    """Notes about records that do not cover a run of ``times`` (start, stop, step in s), or are finer than that."""
+    start, stop, step = times
+    for name, signal in signals.items():
+        where = f"signals.{name}"
+        own = signal.resampler
+        first, last = float(own.time[0]) - signal.shift, float(own.time[-1]) - signal.shift
+        extend = signal.table.get("extend")
+        slack = 0.01 * own.step
+        if first > start + slack:
+            text = f"the record begins at {first:.9g} s, after the start of the run at {start:.9g} s"
+            if extend == "stop":
+                findings.problem(
+                    where, f"{text}. Give start_time = {own.time[0]:.9g}, the record's time at that start."
+                )
+            elif extend is None:
+                findings.note(
+                    where,
+                    f"{text}: its first values hold until then. start_time = {own.time[0]:.9g} would begin with it; "
+                    'extend = "hold" says that this is meant.',
+                )
+        if last + own.step < stop - slack and extend is None:
+            findings.note(
+                where,
+                f"the record ends at {last:.9g} s, before the end of the run at {stop:.9g} s: its last values "
+                'hold from then on. extend = "hold" says that this is meant; others are "repeat" and "stop".',
+            )
+        if own.step < 0.99 * step and own.time.size > 1:
+            findings.note(
+                where,
+                f"the record has a sample every {own.step:.6g} s, the run a communication step every {step:.6g} s: "
+                f"samples between are not seen ({math.floor(step / own.step + 0.01)} a step).",
+            )
