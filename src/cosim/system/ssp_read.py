@@ -140,12 +140,12 @@ class SspReader:
         if xml.get("type", FMU) != FMU:
             self.problem(f"component '{part.name}' is of type {xml.get('type')}. Only FMUs are read.")
             return ""
-        uri = urlsplit(xml.get("source"))
-        proxied = parse_qs(uri.query).get("file") if uri.scheme == "proxyfmu" else None
+        uri = str(xml.get("source"))
+        proxied = parse_qs(urlsplit(uri).query).get("file") if uri.startswith("proxyfmu:") else None
         if proxied is not None:
             self.notes.append(f"component '{part.name}' is meant for libcosim's proxyfmu; its FMU runs directly here.")
         try:
-            source = self.package.file(proxied[0] if proxied else xml.get("source"))
+            source = self.package.file(proxied[0] if proxied else uri)
         except DescriptionError as error:
             self.problem(f"component '{part.name}': {error}")
             return ""
@@ -219,8 +219,9 @@ class SspReader:
     def stated(element: Any) -> dict[str, Decimal]:
         """Factor and offset that a connection states."""
         found = element.find(tag("ssc:LinearTransformation"))
-        keys = () if found is None else [key for key in ("factor", "offset") if found.get(key) is not None]
-        return {key: Decimal(found.get(key)) for key in keys}
+        if found is None:
+            return {}
+        return {key: Decimal(found.get(key)) for key in ("factor", "offset") if found.get(key) is not None}
 
     def suppressed(self, hop: Hop, stated: dict[str, Decimal]) -> dict[str, Any]:
         """What a connection that suppresses the conversion of units is; ours say what it came from."""
