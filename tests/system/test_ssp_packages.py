@@ -271,6 +271,20 @@ def test_a_signal_dictionary_is_not_read(fmu: Path) -> None:
         read_ssp(wired)
 
 
+def test_the_fmu_knows_the_direction_of_an_inout_connector(fmu: Path) -> None:
+    two_way = gain("g").replace('name="u" kind="input"', 'name="u" kind="inout"')
+    found = read(package(fmu, system("top", SOURCE + two_way, wires=wire("g.u", "source.z"))))
+    assert [str(connection) for connection in found.connections] == ["source.z -> g.u"]
+    inner = system("inner", gain("g"), ports=connector("in", "inout"), wires=wire("in", "g.u"))
+    with pytest.raises(DescriptionError, match=r"'inner\.in' is an inout connector, which is not read"):
+        read_ssp(package(fmu, system("top", SOURCE + inner)))
+
+
+def test_many_names_are_told_in_part(fmu: Path) -> None:
+    notes = read(package(fmu, system("top", "".join(gain(f"g {k}") for k in range(25))))).notes
+    assert any(note.endswith("'g 19' is g_19 and 5 more.") for note in notes)
+
+
 # Connectors that nothing feeds
 
 

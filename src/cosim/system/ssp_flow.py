@@ -79,8 +79,12 @@ class Flow:
                 known = suggest(connector, part.connectors)
                 self.problem(f"'{part.name}': a connection names no connector '{connector}' of it.{known}")
                 return None
+            kind = part.connector_kind(connector)
+            if kind == "inout":
+                self.problem(f"'{said((part.path, connector))}' is an inout connector, which is not read.")
+                return None
             ends.append((part.path, connector))
-            gives.append(_gives(part.connector_kind(connector), inside=part is system))
+            gives.append(_gives(kind, inside=part is system))
         hop = Hop(ends[0], ends[1], connection)
         if None not in gives and gives[0] == gives[1]:
             what = "give values" if gives[0] else "take values"

@@ -27,6 +27,10 @@ from .ssp_values import ParameterValues, linear, other_transformation, typed_val
 FMU = "application/x-fmu-sharedlibrary"
 
 
+SHOWN_NAMES = 20
+"""Names of instances that a note lists."""
+
+
 @dataclass(frozen=True)
 class SspSystem:
     """What an SSP describes."""
@@ -129,7 +133,8 @@ class SspReader:
         renamed = [f"'{part.name}' is {self.names[part.path]}" for part in self.top.components()]
         renamed = [text for text, path in zip(renamed, self.names, strict=True) if path != (self.names[path],)]
         if renamed:
-            self.notes.append(f"instances have plain names here: {', '.join(renamed)}.")
+            more = f" and {len(renamed) - SHOWN_NAMES} more" if len(renamed) > SHOWN_NAMES else ""
+            self.notes.append(f"instances have plain names here: {', '.join(renamed[:SHOWN_NAMES])}{more}.")
         for part in self.top.all():
             if part.kind not in ("System", "Component"):
                 self.notes.append(f"'{part.name}' is a {part.kind}, which is not read.")

@@ -59,11 +59,15 @@ class Part:
         return (part for part in self.all() if part.kind == "Component")
 
     def connector_kind(self, name: str) -> str | None:
-        """``input``, ``output`` and so on, as declared or as the FMU says; None if nothing says it."""
-        if name in self.connectors:
-            return str(self.connectors[name].get("kind"))
+        """``input``, ``output`` and so on, as declared or as the FMU says; None if nothing says it.
+
+        An FMU knows the direction of what an SSD declares as ``inout``.
+        """
+        declared = self.connectors[name].get("kind") if name in self.connectors else None
         variable = None if self.fmu is None else self.fmu.variables.get(name)
-        return None if variable is None else variable.causality
+        if variable is not None and declared in (None, "inout"):
+            return variable.causality
+        return declared
 
 
 def read_tree(xml: Any, problem: Callable[[str], None], path: Path = ()) -> Part:
@@ -82,7 +86,7 @@ def instance_names(components: Iterable[Part]) -> dict[Path, str]:
     """An instance's name for each component.
 
     A plain name of the top system stays; the others come from the path, in the order of the file, with a number where
-    a name is taken: so a name depends only on what stands in the file before it.
+    a name is taken: so what is added at the end of the top system changes no other name, unless it takes one.
     """
     paths = [component.path for component in components]
     names: dict[Path, str] = {path: path[0] for path in paths if len(path) == 1 and NAME.fullmatch(path[0])}
