@@ -45,7 +45,7 @@ class Resampler:
         first = max(int(np.searchsorted(self.time, np.min(at))) - 1, 0)
         last = int(np.searchsorted(self.time, np.max(at) + 2.0 * slack, side="right")) + 1
         index = np.searchsorted(self.time[first:last], at + slack, side="right") + (first - 1)
-        index = np.clip(index, 0, self.time.size - 1)
+        index = np.minimum(np.maximum(index, 0), self.time.size - 1)
         if not self.linear:
             return index, np.zeros(0)
         here = self.time[index]
@@ -61,9 +61,9 @@ class Resampler:
         Where the record does not repeat itself, the first and the last sample hold beyond its ends.
         """
         index, fraction = self.places(at)
-        found: Array = samples[index]
+        found: Array = samples.take(index, axis=0)
         if not self.linear:
             return found
         following = index + 1
         following = following % self.time.size if self.repeat else np.minimum(following, self.time.size - 1)
-        return found + (samples[following] - found) * (fraction if samples.ndim == 1 else fraction[:, np.newaxis])
+        return found + (samples.take(following, axis=0) - found) * (fraction if samples.ndim == 1 else fraction[:, np.newaxis])
