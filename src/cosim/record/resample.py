@@ -66,4 +66,5 @@ class Resampler:
             return found
         following = index + 1
         following = following % self.time.size if self.repeat else np.minimum(following, self.time.size - 1)
-        return found + (samples.take(following, axis=0) - found) * (fraction if samples.ndim == 1 else fraction[:, np.newaxis])
+        weight = fraction if samples.ndim == 1 else fraction[:, np.newaxis]
+        return found + (samples.take(following, axis=0) - found) * weight

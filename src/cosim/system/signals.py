@@ -77,11 +77,14 @@ def read_signals(
 ) -> dict[str, SignalSource]:
     """The signals of a document; ``folder`` is where paths start, ``start_time`` that of the run in s."""
     tables = findings.table(document, "signals")
-    data, problems = checked({"signals": _plain(tables)}, SignalsData, findings.name)
-    findings.problems += problems
     result: dict[str, SignalSource] = {}
-    entries: Mapping[str, SignalData] = {} if data is None else data.signals
-    for name, entry in entries.items():
+    for name, plain in _plain(tables).items():
+        # One by one: what is wrong with one keeps no other from being read.
+        data, problems = checked({"signals": {name: plain}}, SignalsData, findings.name)
+        findings.problems += problems
+        if data is None:
+            continue
+        entry = data.signals[name]
         where = f"signals.{name}"
         if not NAME.fullmatch(name):
             findings.problem(where, "the name is made of letters, digits and _, and starts with no digit.")
