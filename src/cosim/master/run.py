@@ -119,9 +119,9 @@ class Run:
     def time(self) -> float:
         return float(self.clock[0] + self.state[loop.POINT] * self.clock[1])
 
-    def go(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
+    def run(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
         """From initialization to termination; or to point ``end``, which is left to whoever goes on."""
-        self.watch()
+        self.begin_log()
         try:
             self.initialize()
             stopped = self.step(progress, interrupted, end)
@@ -137,11 +137,11 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def go_on(
+    def resume(
         self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Presses
     ) -> Result:
         """From a restored checkpoint to the end. The instances are left there: their state is set or reset next."""
-        self.watch()
+        self.begin_log()
         try:
             for number, variable, value in changes:
                 self.slaves[number].set(variable, value)
@@ -155,7 +155,7 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def watch(self) -> None:
+    def begin_log(self) -> None:
         """Begin this run's log."""
         for slave in self.slaves:
             slave.log.begin(self.time)
@@ -170,22 +170,22 @@ class Run:
         self.propagate()
         for slave in self.slaves:
             slave.exit_initialization()
-        self.once(self.program.outputs)
+        self.evaluate(self.program.outputs)
 
     def propagate(self) -> None:
         """Outputs to inputs until nothing changes: two passes where there is no loop through initial values."""
         program = self.program
-        self.once(program.outputs)
+        self.evaluate(program.outputs)
         for _ in range(MAX_PASSES):
             before = program.values.copy()
-            self.once(program.initial)
+            self.evaluate(program.initial)
             if np.array_equal(before, program.values, equal_nan=True):
                 return
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
         Log.sink(self.notices[-1])
 
-    def once(self, rows: list[loop.Row]) -> None:
+    def evaluate(self, rows: list[loop.Row]) -> None:
         """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
         self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)
@@ -382,7 +382,7 @@ def system_metadata(system: System) -> dict[str, Any]:
     return {
         "system": system.name,
         "description": system.description,
-        "system_hash": system.digest,
+        "system_digest": system.digest,
         "start_time": float(system.start_time),
         "stop_time": float(system.stop_time),
         "step_size": float(system.step_size),
@@ -392,8 +392,8 @@ def system_metadata(system: System) -> dict[str, Any]:
         "transformations": {
             str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
         },
-        "fmus": {i.name: {"fmu": i.fmu.name, "sha256": i.fmu.digest} for i in system.instances},
-        "signals": {s.name: {"file": str(s.path), "sha256": s.digest} for s in system.signals},
+        "fmus": {i.name: {"fmu": i.fmu.name, "digest": i.fmu.digest} for i in system.instances},
+        "signals": {s.name: {"file": str(s.path), "digest": s.digest} for s in system.signals},
         "versions": dict(_versions()),
     }
 
@@ -427,8 +427,8 @@ def _column(name: str, variable: Variable) -> Column:
     unit = variable.unit or "1"
     shown = variable.display_unit
     if shown is None:
-        return Column(name, unit, variable.text, unit)
-    return Column(name, unit, variable.text, shown.name, shown.factor, shown.offset)
+        return Column(name, unit, variable.description, unit)
+    return Column(name, unit, variable.description, shown.name, shown.factor, shown.offset)
 
 
 @cache

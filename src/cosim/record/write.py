@@ -30,7 +30,7 @@ class Column:
 
     name: str
     unit: str
-    text: str
+    description: str
     display_unit: str
     display_factor: float = 1.0
     display_offset: float = 0.0
@@ -58,7 +58,9 @@ class _ParquetFile:
         self._arrow: Any = import_module("pyarrow")
         fields = [
             self._arrow.field(
-                c.name, self._arrow.float64(), metadata={"unit": c.unit, "display_unit": c.display_unit, "text": c.text}
+                c.name,
+                self._arrow.float64(),
+                metadata={"unit": c.unit, "display_unit": c.display_unit, "description": c.description},
             )
             for c in columns
         ]

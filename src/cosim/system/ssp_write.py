@@ -111,8 +111,8 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             source=quote(sources[fmu.path]),
             implementation="CoSimulation",
         )
-        if fmu.text:
-            component.set("description", fmu.text)
+        if fmu.description:
+            component.set("description", fmu.description)
         connectors = _sub(component, "ssd:Connectors")
         for name in (*fmu.inputs, *fmu.outputs):
             variable = fmu.variables[name]
