@@ -164,9 +164,9 @@ def _time_column(names: _Names, time: str | None, sampling_time: float | None, p
         found = [i for i, name in enumerate(names.names) if name.rpartition(".")[2].strip().casefold() == known]
         if len(found) == 1:
             return found[0]
-    problems.append(
-        f"{names.path}: which column is the time? Name it, or give a sampling time.{suggest('time', names.names)}"
-    )
+    marks = " Cells are divided by comma, semicolon or tab." if len(names.names) == 1 else ""
+    known = suggest("time", names.names)
+    problems.append(f"{names.path}: which column is the time? Name it, or give a sampling time.{known}{marks}")
     return None
 
 
