@@ -386,3 +386,21 @@ def test_a_file_builds_on_one_with_signals(folder: Path, signals: str) -> None:
     system = read_system(folder / "s.toml", fmus=folder)
     assert system.signals[0].resampler.linear == bool(signals)
     assert system.signals[0].path == folder / "log.csv"
+
+
+def test_the_example_of_the_first_page_is_a_system(native: Path, tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    blocks = [block.split("```")[0] for block in page.split("```toml\n")[1:]]
+    (stage,) = [block for block in blocks if "[instances.plant]" in block]
+    (fed,) = [block for block in blocks if "[signals.log]" in block]
+    (tmp_path / "stage.toml").write_text(stage, encoding="utf-8")
+    (tmp_path / "fed.toml").write_text(fed, encoding="utf-8")
+    time = np.arange(200) * 1e-3
+    rows = np.column_stack((time, 1e-3 * np.sin(10.0 * time), 0.1 * np.cos(time)))
+    header = "t [s],position [mm],current [A]"
+    np.savetxt(tmp_path / "stage.csv", rows, delimiter=",", header=header, comments="")
+    system = read_system(tmp_path / "fed.toml", fmus=native)
+    assert system.signals[0].outputs == ("x", "der(x)", "der(x,2)", "load")
+    # The file says mm, the system m.
+    assert system.signals[0].columns["x"] == pytest.approx(rows[:, 1] * 1e-3, rel=1e-12)
+    assert not system.notes
