@@ -6,6 +6,7 @@ import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
@@ -13,7 +14,7 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, suggest
 from ..fmu.tables import Number, Positive, Seconds, Table, Text, checked
 from ..fmu.variables import Variable
 from ..record.derive import derivative_name, derivative_unit, differences, smoothed
@@ -276,6 +277,27 @@ def _kept(
 ) -> tuple[Record, str]:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return read_record(path, time=time, sampling_time=sampling_time, columns=columns), digest
+
+
+# ---- what can be changed from run to run ----
+
+_SETTINGS = {"file": "", "time": "", "interpolation": "", "extend": "", "start_time": "s", "sampling_time": "s"}
+"""Keys of an entry that take a value, with the unit of a number; texts have none."""
+
+
+def setting(signal: SignalSource, path: str) -> Variable:
+    """What ``changed`` takes for a signal: ``file``, ``start_time``, ``columns.force.factor`` ...
+
+    Raises DescriptionError for another path.
+    """
+    known = {
+        **_SETTINGS,
+        **{f"columns.{name}.{key}": "1" for name in signal.table.get("columns", ()) for key in ("factor", "offset")},
+    }
+    if path not in known:
+        raise DescriptionError(f"signals.{signal.name}: '{path}' is nothing to set.{suggest(path, known)}")
+    variable = _variable(path, known[path], f"{path} of signal {signal.name}")
+    return replace(variable, causality="parameter", type="Real" if known[path] else "String")
 
 
 # ---- signals and the experiment ----
