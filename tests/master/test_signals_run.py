@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmu_files import write_probe
+from fmu_files import write_echo3, write_probe
 
 from cosim.errors import DescriptionError
 from cosim.master import loop, tables
@@ -158,7 +158,7 @@ def test_record_columns_are_recorded_with_their_units(folder: Path) -> None:
     assert result.names == ("log.x", "a.u")
     assert result.unit("log.x") == "V"
     assert result["log.x"].tolist() == ROWS[:, 1].tolist()
-    assert result.metadata["signals"]["log"]["sha256"] == made(folder, []).signals[0].digest
+    assert result.metadata["signals"]["log"]["digest"] == made(folder, []).signals[0].digest
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
@@ -307,3 +307,23 @@ def test_an_fmu_that_ends_the_run_ends_it_with_the_right_samples(folder: Path, k
     assert result["a.u"].tolist() == ROWS[: result.time.size, 1].tolist()
     assert result["log.x"].tolist() == result["a.u"].tolist()
     assert result.time.size in (4, 5)
+
+
+def test_elements_of_arrays_of_fmi3_get_sums_and_noise(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_echo3(folder / "Echo.fmu")
+    connections = [
+        {"from": ["log.x", "a.y"], "to": "e.u_Float64[2]", "factors": [1.0, -1.0]},
+        {"from": "log.x", "to": "e.u_Float32[1]", "noise": {"rms": 0.5, "seed": 1}},
+        "log.x -> a.u",
+    ]
+    instances = {"a": {"fmu": "Probe"}, "e": {"fmu": "Echo", "start": {"u_Float64[1]": 7.0, "u_Float64[3]": 9.0}}}
+    record = {"variables": ["e.y_Float64", "e.y_Float32", "a.y"]}
+    system = made(folder, connections, instances=instances, record=record)
+    result = simulate(system)
+    assert result["e.y_Float64[2]"].tolist() == (ROWS[:, 1] - result["a.y"]).tolist()
+    assert set(result["e.y_Float64[1]"]) == {7.0}
+    assert set(result["e.y_Float64[3]"]) == {9.0}
+    noise = result["e.y_Float32[1]"] - ROWS[:, 1]
+    assert 0.0 < float(np.max(np.abs(noise))) < 2.5
+    assert plain(system, monkeypatch).rows.tobytes() == result.rows.tobytes()
+    assert isolated(system, monkeypatch).rows.tobytes() == result.rows.tobytes()

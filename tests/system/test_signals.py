@@ -112,6 +112,7 @@ def test_derivatives_have_names_and_units(folder: Path) -> None:
         ({"interpolation": "lin"}, "signals.log.interpolation: 'lin' is none. Did you mean 'linear'?"),
         ({"extend": "zero"}, "signals.log.extend: 'zero' is none. Known: hold, repeat, stop."),
         ({"time": "x"}, "column x: 'mm' is no unit of time."),
+        ({"time_unit": "m"}, "column t: 'm' is no unit of time."),
         ({"sampling_time": "often"}, "signals.log.sampling_time: 'often' is no number of seconds."),
         ({"time": "t", "sampling_time": 1e-3}, "give a column of time or a sampling time, not both"),
         ({"columns": {"f": "forc"}}, "no column 'forc'. Did you mean 'force'?"),

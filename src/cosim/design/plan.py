@@ -82,7 +82,13 @@ class Sweep:
     @property
     def digest(self) -> str:
         """SHA-256 of everything that decides the results."""
-        content = [self.system.digest, self.parameters, self.points, [vars(m) for m in self.metrics], self.window]
+        content: list[Any] = [
+            self.system.digest,
+            self.parameters,
+            self.points,
+            [vars(m) for m in self.metrics],
+            self.window,
+        ]
         files = sorted({file for _, file in _records(self.system, self.parameters, self.points)})
         if files:
             folder = Path(self.system.folder)

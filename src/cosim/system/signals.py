@@ -60,6 +60,7 @@ class SignalData(Table):
 
     file: Text
     time: Text | None = None
+    time_unit: Text | None = None
     sampling_time: Seconds | None = None
     start_time: Number | None = None
     columns: Mapping[str, ColumnData] | None = None
@@ -139,7 +140,7 @@ def _source(  # noqa: PLR0917
     wanted = None if entry.columns is None else tuple(dict.fromkeys(c.column for c in entry.columns.values()))
     path = folder / entry.file
     seconds = None if sampling_time is None else float(sampling_time)
-    record, digest = _read(path, entry.time, seconds, wanted)
+    record, digest = _read(path, entry.time, entry.time_unit, seconds, wanted)
     chosen = entry.columns or {column: ColumnData(column=column) for column in record.columns}
     columns: dict[str, NDArray[np.float64]] = {}
     variables: dict[str, Variable] = {}
@@ -256,7 +257,11 @@ def _variable(name: str, unit: str, text: str) -> Variable:
 
 
 def _read(
-    path: Path, time: str | None, sampling_time: float | None, columns: tuple[str, ...] | None
+    path: Path,
+    time: str | None,
+    time_unit: str | None,
+    sampling_time: float | None,
+    columns: tuple[str, ...] | None,
 ) -> tuple[Record, str]:
     """A record and the SHA-256 of its file; read once in a process, as long as the file is the same."""
     try:
@@ -264,19 +269,21 @@ def _read(
     except OSError:
         read_record(path)  # says what is wrong
         raise
-    return _kept(path, (status.st_mtime_ns, status.st_size), time, sampling_time, columns)
+    return _kept(path, (status.st_mtime_ns, status.st_size), time, time_unit, sampling_time, columns)
 
 
 @lru_cache(maxsize=8)
-def _kept(
+def _kept(  # noqa: PLR0917
     path: Path,
     stamp: tuple[int, int],
     time: str | None,
+    time_unit: str | None,
     sampling_time: float | None,
     columns: tuple[str, ...] | None,
 ) -> tuple[Record, str]:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return read_record(path, time=time, sampling_time=sampling_time, columns=columns), digest
+    record = read_record(path, time=time, time_unit=time_unit, sampling_time=sampling_time, columns=columns)
+    return record, digest
 
 
 # ---- what can be changed from run to run ----

@@ -32,6 +32,7 @@ A record of a machine, or of another run, feeds inputs as an FMU does: ``"log.po
     [signals.log]
     file = "stage.csv"                         # .csv (.txt, .tsv, .dat), .parquet, .mat; relative to this file
     time = "t"                                 # default: the column called time or t; or sampling_time = 1e-3
+    time_unit = "ms"                           # default: what the file says, s if it does not
     start_time = 12.5                          # time of the record at the start of the run; default: the same clock
     interpolation = "hold"                     # or "linear"
     extend = "hold"                            # beyond its ends; or "repeat", or "stop": the run ends with the record
