@@ -36,7 +36,7 @@ ROOMS = (
     Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.record", [*BASE, "cosim.fmu"], ["numpy", "pyarrow", "scipy"]),
     Room("cosim.system", [*BASE, "cosim.fmu", "cosim.record"], ["fmpy.ssp", "lxml", "numpy", "scipy"]),
-    Room("cosim.result", [*BASE, "cosim.record"], ["matplotlib", "numpy", "pandas"]),
+    Room("cosim.result", [*BASE, "cosim.record"], ["jinja2", "markupsafe", "matplotlib", "numpy", "pandas", "plotly"]),
     Room(
         "cosim.master",
         [*BASE, "cosim.fmu", "cosim.record", "cosim.system", "cosim.result"],

@@ -107,6 +107,30 @@ def test_plot_is_drawn(place: Path, cosim: Run) -> None:
     assert (place / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_report_is_written(place: Path, cosim: Run) -> None:
+    code, out, _ = cosim("run", "two.toml", "--report", "a.html", "--set", "a.gain=2.5")
+    assert code == 0
+    assert "Written: a.html" in out
+    page = (place / "a.html").read_text(encoding="utf-8")
+    assert "<h1>Two probes</h1>" in page
+    assert "<td>a.gain</td>" in page
+
+
+def test_report_of_a_run_that_failed_says_why(place: Path, cosim: Run) -> None:
+    code, _, _ = cosim("run", "two.toml", "--report", "a.html", "--set", "a.fail_time=0.45")
+    assert code == 1
+    page = (place / "a.html").read_text(encoding="utf-8")
+    assert "The run ended early at" in page
+    assert "told to fail at 0.5 s" in page
+
+
+def test_report_of_another_kind_is_refused_before_the_run(place: Path, cosim: Run) -> None:
+    code, _, err = cosim("run", "two.toml", "--report", "a.pdf", "--plot", "a.xyz")
+    assert code == 2
+    assert "a.pdf: the name of a report must end in .html" in err
+    assert "a.xyz" in err
+
+
 def test_fmus_from_another_folder(place: Path, cosim: Run) -> None:
     (place / "build" / "fmus" / "native").rename(place / "others")
     code, _, err = cosim("run", "two.toml", "--fmus", "others")

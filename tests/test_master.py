@@ -34,7 +34,8 @@ from cosim import (
 from cosim.export.package import build
 from cosim.master.instance import CallError
 from cosim.model import Controller, Plant, Record, parameter, variable
-from cosim.record.write import Column, check_output
+from cosim.record.description import Column
+from cosim.record.write import check_output
 
 CACHE = Path(__file__).parents[1] / "build" / "cache"
 

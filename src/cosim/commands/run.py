@@ -52,6 +52,9 @@ def add(commands: Any) -> None:
         "--output", type=Path, metavar="FILE", help="write the record as .csv, or as .parquet with the extra parquet"
     )
     run.add_argument("--plot", type=Path, metavar="FILE", help="draw the run, such as run.png")
+    run.add_argument(
+        "--report", type=Path, metavar="FILE", help="write a page with all of the run, such as run.html (extra report)"
+    )
     run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
     run.add_argument(
         "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
@@ -114,6 +117,10 @@ def _check(options: argparse.Namespace) -> None:
         from ..result.plots import check_picture
 
         checks.append((options.plot, check_picture))
+    if options.report is not None:
+        from ..result.report import check_report
+
+        checks.append((options.report, check_report))
     for path, check in checks:
         try:
             check(path)
@@ -170,7 +177,7 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         if self._path is None:
             return
         if self._writer is None:
-            from ..master.run import result_columns, system_metadata
+            from ..master.metadata import result_columns, system_metadata
             from ..record.write import RecordWriter
 
             self._writer = RecordWriter(self._path, result_columns(self._system), system_metadata(self._system))
@@ -184,10 +191,9 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         """Complete the file. Raises FileError."""
         if self._writer is not None:
             late = ("steps", "warnings", "total_seconds", "stepping_seconds")
-            solver = {instance: dict(counts) for instance, counts in result.solver.items()}
             known = {name: result.metadata[name] for name in late}
             writer, self._writer = self._writer, None
-            writer.finish({**known, "partial": result.partial, "solver": solver})
+            writer.finish({**known, **result.ending()})
         elif self._path is not None:
             result.save(self._path)
 
@@ -218,11 +224,13 @@ def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -
         if isinstance(error, RecordError):
             print_note(f"Computed up to {result.time[-1]:.9g} s.")
         else:
-            _save(result, options, record, early=True)
+            _save(result, options, record, [str(error)], early=True)
     return 1
 
 
-def _save(result: Result, options: argparse.Namespace, record: _RecordFile, *, early: bool) -> bool:
+def _save(
+    result: Result, options: argparse.Namespace, record: _RecordFile, notes: Sequence[str], *, early: bool
+) -> bool:
     """Write the files of a run; whether that went well. Tells of what was not written, and of a run that ended early.
 
     An error in one file does not keep the other from being written.
@@ -239,11 +247,18 @@ def _save(result: Result, options: argparse.Namespace, record: _RecordFile, *, e
         print_note("Nothing had been computed.")
     elif early:
         print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
+    writers: list[Callable[[], object]] = []
     if options.plot is not None and result.time.size > 1:
         from ..result.plots import plot_run
 
+        writers.append(lambda: plot_run(result, options.plot))
+    if options.report is not None:
+        from ..result.run_report import report_run
+
+        writers.append(lambda: report_run(result, options.report, notes=notes))
+    for write in writers:
         try:
-            plot_run(result, options.plot)
+            write()
         except CosimError as error:
             print_error(str(error))
             well = False
@@ -268,10 +283,11 @@ def _finish(
     _show_messages(result)
     if interrupted:
         print_error("Interrupted.")
-    well = _save(result, options, record, early=interrupted)
     every = record.thinned(result)
-    if every > 1:
-        print_note(f"note: {record.count(result)} rows; figures and pictures are of every {every}th.")
+    thinned = [f"{record.count(result)} rows; figures and pictures are of every {every}th."] if every > 1 else []
+    well = _save(result, options, record, [*notes, *thinned], early=interrupted)
+    for note in thinned:
+        print_note(f"note: {note}")
     figures = summary(result)
     code = 0 if well and not bad else 1
     facts = result.metadata
@@ -298,6 +314,7 @@ def _finish(
             "notes": notes,
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
+            "report": None if options.report is None else str(options.report),
         }
         print_json(content)
         return code
@@ -318,7 +335,7 @@ def _finish(
         table.add_row(escape(row.name), value, escape(row.reason or row.unit))
     console = standard_output()
     console.print(table)
-    for file in (options.output, options.plot):
+    for file in (options.output, options.plot, options.report):
         if file is not None and well:
             console.print(f"Written: {escape(str(file))}", soft_wrap=True)
     return code

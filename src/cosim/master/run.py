@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-import platform
 import signal
 import time as clock_time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..fmu.variables import Value, Variable
-from ..record.write import Column
 from ..result.result import Message, Result
 from ..system.parts import Connection
 from ..system.system import System
 from ..system.values import is_numeric
 from . import loop, loop_plain
 from .board import IN_LOOP, STEPPING, STOP, Board
-from .instance import STATUS, FmuInstance, Log, RunError, fmpy
+from .instance import STATUS, FmuInstance, Log, RunError
+from .metadata import result_columns, system_metadata
 from .program import Program
 from .signals import Ended, Presses
 from .tables import POINTS
@@ -377,27 +372,6 @@ def make_result(
     )
 
 
-def system_metadata(system: System) -> dict[str, Any]:
-    """What is known about a run before it begins."""
-    return {
-        "system": system.name,
-        "description": system.description,
-        "system_digest": system.digest,
-        "start_time": float(system.start_time),
-        "stop_time": float(system.stop_time),
-        "step_size": float(system.step_size),
-        "order": system.order if isinstance(system.order, str) else list(system.order),
-        "decimation": system.decimation,
-        "connections": [str(connection) for connection in system.connections],
-        "transformations": {
-            str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
-        },
-        "fmus": {i.name: {"fmu": i.fmu.name, "digest": i.fmu.digest} for i in system.instances},
-        "signals": {s.name: {"file": str(s.path), "digest": s.digest} for s in system.signals},
-        "versions": dict(_versions()),
-    }
-
-
 def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
     """The times of ``count`` rows from number ``first`` on, every ``every``-th, in seconds."""
     times = np.arange(first, first + count * every, every, dtype=np.float64)
@@ -408,11 +382,6 @@ def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray
     return times
 
 
-def result_columns(system: System) -> tuple[Column, ...]:
-    """The columns of the rows that a run of ``system`` records."""
-    return tuple(_column(f"{name}.{v}", system.variable(name, v)) for name, v in system.record)
-
-
 def check_memory(system: System, rows: int) -> None:
     """Raise DescriptionError if so many rows are more than this machine has memory for."""
     need = rows * len(system.record) * 8
@@ -421,24 +390,6 @@ def check_memory(system: System, rows: int) -> None:
             f"{system.name}: {rows} rows of {len(system.record)} variables need {need / 2**30:.1f} GiB of memory. "
             "Record fewer variables or take a larger decimation."
         )
-
-
-def _column(name: str, variable: Variable) -> Column:
-    unit = variable.unit or "1"
-    shown = variable.display_unit
-    if shown is None:
-        return Column(name, unit, variable.description, unit)
-    return Column(name, unit, variable.description, shown.name, shown.factor, shown.offset)
-
-
-@cache
-def _versions() -> Mapping[str, str]:
-    from importlib.metadata import PackageNotFoundError, version  # takes longer than what is done with it
-
-    found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
-    with contextlib.suppress(PackageNotFoundError):
-        found["motion-cosim"] = version("motion-cosim")
-    return MappingProxyType(found)
 
 
 def _physical_memory() -> float:

@@ -211,7 +211,52 @@ def sine_amplitude(time: Array, signal: Array, frequency: float) -> float:
     return float(np.hypot(solution[0], solution[1]))
 
 
-# Two axes: a circular path sampled at x, y.
+# Two axes: a path sampled at x, y.
+
+
+def contour_error(x: Array, y: Array, x_ref: Array, y_ref: Array) -> Array:
+    """Distance of each point from the reference path, one value a sample, positive on the left of the path's motion.
+
+    The path is the polygon through the reference points: off a curve of radius R by at most (v*T)**2/(8*R) for points
+    v*T apart. The nearest point is looked for along the path from the commanded point of the same sample, so a path
+    may cross itself. Beyond the path's ends the distance is that from its end.
+    Raises DescriptionError if the reference does not move.
+    """
+    _need_finite(x, y, x_ref, y_ref)
+    moves = np.concatenate(([True], (np.diff(x_ref) != 0.0) | (np.diff(y_ref) != 0.0)))
+    path = np.column_stack((x_ref[moves], y_ref[moves]))
+    if len(path) < 2:
+        raise DescriptionError("the reference does not move: it has no path.")
+    points, begins, steps = np.column_stack((x, y)), path[:-1], np.diff(path, axis=0)
+    squares = np.einsum("ij,ij->i", steps, steps)
+
+    def seen(which: NDArray[np.intp], piece: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Place along a piece of the path, 0 to 1 on it, and squared distance from it, of some points."""
+        offset = points[which] - begins[piece]
+        along = np.einsum("ij,ij->i", offset, steps[piece]) / squares[piece]
+        off = offset - np.clip(along, 0.0, 1.0)[:, np.newaxis] * steps[piece]
+        return along, np.einsum("ij,ij->i", off, off)
+
+    last = len(steps) - 1
+    nearest = np.minimum(np.cumsum(moves) - 1, last)
+    active = np.arange(x.size)
+    along, square = seen(active, nearest)
+    while active.size:
+        # As far as the piece, prolonged, says; if that is not nearer, to the next piece. Every move comes nearer.
+        here, place = nearest[active], along[active]
+        far = np.clip(here + np.floor(place).astype(np.intp), 0, last)
+        close = np.clip(here + np.where(place > 1.0, 1, np.where(place < 0.0, -1, 0)), 0, last)
+        came = np.zeros(active.size, dtype=np.bool_)
+        for goal in (far, close):
+            new_place, new_square = seen(active, goal)
+            better = ~came & (new_square < square[active])
+            chosen = active[better]
+            nearest[chosen], along[chosen], square[chosen] = goal[better], new_place[better], new_square[better]
+            came |= better
+        active = active[came]
+    offset = points - begins[nearest]
+    side = steps[nearest, 0] * offset[:, 1] - steps[nearest, 1] * offset[:, 0]
+    return np.copysign(np.sqrt(square), side)
 
 
 def radial_deviation(x: Array, y: Array, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Array:

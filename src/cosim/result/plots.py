@@ -103,13 +103,15 @@ def display_unit(unit: str, peak: float) -> tuple[str, float]:
     The largest unit of all if the peak is 1 or more in it, else the largest with a peak of at least 0.1; a unit
     without smaller ones is kept.
     """
+    if unit not in _DISPLAY:
+        return unit, 1.0
     choice = unit
-    for i, candidate in enumerate(_DISPLAY.get(unit, ())):
+    for i, candidate in enumerate(_DISPLAY[unit]):
         choice = candidate
         if peak * conversion(unit, candidate) >= (0.1 if i else 1.0):
             break
     if peak == 0.0 or not math.isfinite(peak):
-        choice = next(iter(_DISPLAY.get(unit, (unit,))))
+        choice = _DISPLAY[unit][0]
     return choice, conversion(unit, choice)
 
 
@@ -123,18 +125,22 @@ def typeset(unit: str) -> str:
 def envelope(x: Array, y: Array, columns: int = POINTS) -> tuple[Array, Array]:
     """At most 2 * ``columns`` points with the smallest and largest ``y`` of each of as many equal runs of samples.
 
-    Both extremes keep their place and order in ``x``; shorter signals come back unchanged.
+    Both extremes keep their place and order in ``x``; shorter signals come back unchanged. Samples that are not finite
+    count only in a run without others, which stays a gap then.
     """
     if x.size <= 2 * columns:
         return x, y
     width = -(-x.size // columns)
     whole = x.size // width * width
-    rows = y[:whole].reshape(-1, width)
-    first = np.arange(len(rows)) * width
-    index = np.sort(np.column_stack((first + rows.argmin(axis=1), first + rows.argmax(axis=1))), axis=1).ravel()
+    starts = [*range(0, whole, width), whole]
+    finite = np.isfinite(y)
+    low, high = (y, y) if finite.all() else (np.where(finite, y, np.inf), np.where(finite, y, -np.inf))
+    lowest = low[:whole].reshape(-1, width).argmin(axis=1)
+    highest = high[:whole].reshape(-1, width).argmax(axis=1)
     if whole < x.size:
-        rest = y[whole:]
-        index = np.append(index, np.sort([whole + int(rest.argmin()), whole + int(rest.argmax())]))
+        lowest, highest = np.append(lowest, low[whole:].argmin()), np.append(highest, high[whole:].argmax())
+    first = np.asarray(starts[: lowest.size])
+    index = np.sort(np.column_stack((first + lowest, first + highest)), axis=1).ravel()
     return x[index], y[index]
 
 
@@ -168,14 +174,15 @@ def check_picture(path: Path) -> None:
     check_writable(path)
 
 
-def _peak(arrays: Sequence[Array]) -> float:
+def largest(arrays: Sequence[Array]) -> float:
+    """Largest magnitude of the finite values of several arrays, 0 if there is none."""
     finite = [float(np.max(np.abs(part))) for array in arrays if (part := array[np.isfinite(array)]).size]
     return max(finite, default=0.0)
 
 
 def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
-    x_factor = display_unit(x_unit, _peak([series.x for series in panel.series]))[1]
-    peak = _peak([series.y for series in panel.series])
+    x_factor = display_unit(x_unit, largest([series.x for series in panel.series]))[1]
+    peak = largest([series.y for series in panel.series])
     cut = panel.limit is not None and peak > panel.limit > 0.0
     unit, factor = display_unit(panel.unit, panel.limit if cut and panel.limit else peak)
     for i, series in enumerate(panel.series):
@@ -230,7 +237,7 @@ def plot_panels(
                 column_tops.append(axes)
             _draw_panel(axes, panel, x_unit)
             if i + columns >= len(panels):
-                peak = _peak([series.x for series in panel.series])
+                peak = largest([series.x for series in panel.series])
                 unit = display_unit(x_unit, peak)[0]
                 axes.set_xlabel(f"{x_quantity} [{typeset(unit)}]" if unit != "1" else x_quantity)
             else:
@@ -240,6 +247,11 @@ def plot_panels(
 
 
 def plot_run(result: Recorded, path: Path) -> None:
+    """Draw what a run did, as ``run_panels`` says."""
+    plot_panels(path, run_panels(result))
+
+
+def run_panels(result: Recorded) -> list[Panel]:
     """What a run did: reference and position, error and command of every loop; without a loop, all of the record.
 
     The error's axis suits the second half of the run: a start that goes far beyond it is cut off, and said to be.
@@ -270,7 +282,7 @@ def plot_run(result: Recorded, path: Path) -> None:
         )
         errors = tuple(Series(name(loop, ""), result.time, loop.error(result), 2 * i) for i, loop in enumerate(found))
         settled = 1.5 * max(max_abs(series.y[series.y.size // 2 :]) for series in errors)
-        limit = settled if _peak([series.y for series in errors]) > 4.0 * settled else None
+        limit = settled if largest([series.y for series in errors]) > 4.0 * settled else None
         panels.append(Panel("Error", result.unit(found[0].position), errors, limit=limit))
         for unit in dict.fromkeys(result.unit(loop.command) for loop in found if loop.command):
             panels.append(
@@ -290,7 +302,7 @@ def plot_run(result: Recorded, path: Path) -> None:
                 Series(name, result.time, result[name]) for name in result.names if result.unit(name) == unit
             )
             panels.append(Panel("Value", unit, members))
-    plot_panels(path, panels)
+    return panels
 
 
 def plot_errors(path: Path, errors: Mapping[str, tuple[Array, Array]], *, title: str = "", unit: str = "m") -> None:
@@ -311,8 +323,8 @@ def plot_phase_plane(
     title: str = "",
 ) -> None:
     """Trajectories of one quantity over another, (name, SI unit) each; a dot marks where each line ends."""
-    x_unit, x_factor = display_unit(x[1], _peak([line.x for line in series]))
-    y_unit, y_factor = display_unit(y[1], _peak([line.y for line in series]))
+    x_unit, x_factor = display_unit(x[1], largest([line.x for line in series]))
+    y_unit, y_factor = display_unit(y[1], largest([line.y for line in series]))
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
@@ -371,7 +383,7 @@ def plot_polar(path: Path, plots: Sequence[Polar], *, title: str = "") -> None:
         if title:
             figure.suptitle(title, fontsize=10.0)
         for i, plot in enumerate(plots):
-            peak = _peak([series.y for series in plot.series])
+            peak = largest([series.y for series in plot.series])
             scale = plot.magnification or magnification(plot.radius, peak)
             unit, factor = display_unit("m", peak)
             gain = scale / (plot.radius * factor)  # display unit -> radii

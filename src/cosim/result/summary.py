@@ -14,6 +14,7 @@ from ..units import conversion
 from .metrics import (
     Array,
     circular_test,
+    contour_error,
     max_abs,
     mean,
     overshoot,
@@ -168,8 +169,8 @@ def summary(result: Recorded, start: float | None = None) -> list[Figure]:
 
     Empty if the run has no loop. Lengths are in um, other positions in their own unit. If the reference rests
     at the end, overshoot and settling into 2 % of its last step are told as well, counted from the reference's last
-    change; if two loops go along a circle about the origin, the circular test of its last whole turn. A figure that
-    there is not has its reason.
+    change; if two loops follow references of their own, the contour error, and on a circle about the origin the
+    circular test of its last whole turn. A figure that there is not has its reason.
     """
     rows: list[Figure] = []
     found = list(_loops(result)) if result.time.size else []
@@ -178,6 +179,7 @@ def summary(result: Recorded, start: float | None = None) -> list[Figure]:
         rows += [Missing(f"{prefix}Position error", reason)] if reason else _loop_rows(result, loop, prefix, start)
     complete = [loop for loop, reason in found if not reason]
     if len(complete) == 2:
+        rows += _contour_rows(result, complete[0], complete[1], start)
         rows += _circle_rows(result, complete[0], complete[1])
     return rows
 
@@ -266,6 +268,29 @@ def _step_rows(time: Array, reference: Array, position: Array, label: tuple[str,
         FigureOfMerit(name, settled * 1e3, "ms")
         if math.isfinite(settled)
         else Missing(name, "never: outside at the end"),
+    ]
+
+
+def _contour_rows(result: Recorded, x: Loop, y: Loop, start: float | None) -> list[Figure]:
+    """The contour error of two axes; empty if the loops are not the two axes of a path."""
+    signals = {x.position, y.position, x.reference, y.reference}
+    if len(signals) < 4 or result.unit(y.position) != result.unit(x.position) or signals & set(not_finite(result)):
+        return []
+    factor, unit = _length(result.unit(x.position))
+    references = [loop.reference_values(result) for loop in (x, y)]
+    if any(np.ptp(values) == 0.0 for values in references):
+        return []
+    error = factor * contour_error(result[x.position], result[y.position], references[0], references[1])
+    time = result.time
+    try:
+        part = window(time, 0.5 * float(time[0] + time[-1]) if start is None else start)
+    except DescriptionError as problem:
+        return [Missing("Contour error", str(problem))]
+    since = f" from {time[part][0]:g} s"
+    return [
+        FigureOfMerit(f"Contour error, maximum{since}", max_abs(error[part]), unit),
+        FigureOfMerit(f"Contour error, rms{since}", rms(error[part]), unit),
+        FigureOfMerit("Contour error, maximum of the whole run", max_abs(error), unit),
     ]
 
 
