@@ -27,6 +27,13 @@ def test_a_sample_holds_until_the_next() -> None:
     assert Resampler(TIME).values(VALUES, at).tolist() == [1.0, 1.0, 1.0, -2.0, -2.0, 4.0, 0.0, 0.0, 8.0]
 
 
+def test_a_sample_of_a_slow_record_does_not_come_early() -> None:
+    time = np.arange(5.0)
+    at = np.arange(4000) * 1e-3
+    found = Resampler(time, grid=1e-3).values(time, at)
+    assert found.tolist() == [float(k // 1000) for k in range(4000)]
+
+
 def test_linear_as_numpy_interpolates() -> None:
     at = np.linspace(-0.2, 0.8, 1001)
     found = Resampler(TIME, linear=True).values(VALUES, at)

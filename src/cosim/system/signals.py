@@ -75,9 +75,9 @@ class SignalsData(Table):
 
 
 def read_signals(
-    document: Mapping[str, Any], folder: Path, start_time: float, findings: Findings
+    document: Mapping[str, Any], folder: Path, times: tuple[float, float], findings: Findings
 ) -> dict[str, SignalSource]:
-    """The signals of a document; ``folder`` is where paths start, ``start_time`` that of the run in s."""
+    """The signals of a document; ``folder`` is where paths start, ``times`` are start time and step of the run in s."""
     tables = findings.table(document, "signals")
     result: dict[str, SignalSource] = {}
     for name, plain in _plain(tables).items():
@@ -94,7 +94,7 @@ def read_signals(
             findings.problem(where, "an instance has this name, too. Rename one.")
         else:
             try:
-                source = _source(name, entry, cast("Mapping[str, Any]", tables[name]), folder, start_time, findings)
+                source = _source(name, entry, cast("Mapping[str, Any]", tables[name]), folder, times, findings)
             except DescriptionError as error:
                 for problem in error.problems:
                     findings.problem(where, problem)
@@ -129,7 +129,7 @@ def _plain_column(value: object) -> object:
 
 
 def _source(  # noqa: PLR0917
-    name: str, entry: SignalData, table: Mapping[str, Any], folder: Path, start_time: float, findings: Findings
+    name: str, entry: SignalData, table: Mapping[str, Any], folder: Path, times: tuple[float, float], findings: Findings
 ) -> SignalSource | None:
     where = f"signals.{name}"
     before = len(findings.problems)
@@ -169,8 +169,9 @@ def _source(  # noqa: PLR0917
         return None
     if uneven := record.uneven():
         findings.note(where, uneven)
-    resampler = Resampler(record.time, linear=entry.interpolation == "linear", repeat=entry.extend == "repeat")
-    shift = 0.0 if entry.start_time is None else entry.start_time - start_time
+    linear, repeat = entry.interpolation == "linear", entry.extend == "repeat"
+    resampler = Resampler(record.time, grid=times[1], linear=linear, repeat=repeat)
+    shift = 0.0 if entry.start_time is None else entry.start_time - times[0]
     return SignalSource(
         name, path, digest, table, variables, columns, rates=frozenset(rates), resampler=resampler, shift=shift
     )
