@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .master.isolation import ProcessError
     from .master.run import Interrupted, SignalError
     from .master.simulation import Simulation, simulate
+    from .record.read import Record, read_record
     from .result import metrics, plots
     from .result.result import Result
     from .system.system import System, make_system, read_system
@@ -35,6 +36,7 @@ __all__ = [
     "FileError",
     "Interrupted",
     "ProcessError",
+    "Record",
     "Result",
     "RunError",
     "SignalError",
@@ -46,6 +48,7 @@ __all__ = [
     "make_system",
     "metrics",
     "plots",
+    "read_record",
     "read_system",
     "simulate",
 ]
@@ -56,6 +59,7 @@ _HOMES = {
     "master.isolation": ("ProcessError",),
     "master.run": ("Interrupted", "SignalError"),
     "master.simulation": ("Simulation", "simulate"),
+    "record.read": ("Record", "read_record"),
     "result.result": ("Result",),
     "system.system": ("System", "make_system", "read_system"),
 }

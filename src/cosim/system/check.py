@@ -123,8 +123,9 @@ def _signals_and_experiment(
         return {}, read_experiment(document, findings)
     from .signals import check_times, read_signals, record_ends  # needs numpy: only where there are records
 
-    start_time = float(fraction(findings.table(document, "experiment").get("start_time", 0)) or 0.0)
-    signals = read_signals(document, folder, start_time, findings)
+    given = findings.table(document, "experiment")
+    times = float(fraction(given.get("start_time", 0)) or 0.0), float(fraction(given.get("step_size")) or math.inf)
+    signals = read_signals(document, folder, times, findings)
     multiple = math.lcm(*(instance.step_multiple for instance in instances.values()))
     experiment = read_experiment(document, findings, list(record_ends(signals)), multiple)
     if experiment.steps:
