@@ -238,7 +238,7 @@ def _difference(
         mean=mean(off),
         relative=max_abs(off) / span if span > 0.0 else math.nan,
         fit=100.0 * (1.0 - float(np.linalg.norm(off)) / norm) if norm > 0.0 else math.nan,
-        spectrum=spectrum(time, off) if finite and time.size >= 2 * SEGMENTS else None,
+        spectrum=spectrum(time, off) if finite and np.any(off) and time.size >= 2 * SEGMENTS else None,
         tube=tube,
         outside=None if tube is None else _outside(time, b, tube),
     )
