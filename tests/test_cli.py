@@ -97,7 +97,7 @@ def test_summary_as_json(place: Path, cosim: Run) -> None:
     assert summary["steps"] == 10
     assert summary["solver"] == {"a": {"steps": 10.0}, "b": {"steps": 10.0}}
     assert summary["partial"] is False
-    assert summary["system_hash"] == read_system("two.toml", order="parallel").digest
+    assert summary["system_digest"] == read_system("two.toml", order="parallel").digest
 
 
 def test_plot_is_drawn(place: Path, cosim: Run) -> None:

@@ -108,11 +108,20 @@ def _show(system: System, notes: list[str]) -> None:
         over = f"{system.step_size * instance.step_multiple} s"
         table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
     console.print(table)
+    for signal in system.signals:
+        time = signal.resampler.time
+        console.print(
+            f"  Record {escape(signal.name)}: {escape(str(signal.path))}, {time.size} samples from {time[0]:.9g} s to "
+            f"{time[-1]:.9g} s; {escape(', '.join(signal.outputs))}",
+            soft_wrap=True,
+        )
     for connection in system.connections:
         source, target = (".".join(end) for end in (connection.source, connection.target))
         units = {"converted": " (units converted)", "suppressed": " (units not converted)"}.get(connection.units, "")
-        console.print(f"  {escape(source)}{_transformation(connection)} -> {escape(target)}{units}")
-    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
+        plus = "+ " if connection.added else ""
+        noise = "" if connection.noise is None else f" (noise of {connection.noise.rms:g} rms)"
+        console.print(f"  {plus}{escape(source)}{_transformation(connection)} -> {escape(target)}{units}{noise}")
+    how = "parallel, one step of delay" if system.parallel else ", ".join(system.evaluation_order)
     console.print(f"Order: {escape(how)}")
     console.print(
         f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
@@ -143,15 +152,28 @@ def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, A
                 "factor": connection.factor,
                 "offset": connection.offset,
                 "units": connection.units,
+                "added": connection.added,
+                "noise": None
+                if connection.noise is None
+                else {"rms": connection.noise.rms, "seed": connection.noise.seed},
             }
             for connection in system.connections
         ],
-        "order": "parallel" if system.parallel else list(system.visits),
+        "signals": {
+            signal.name: {
+                "file": str(signal.path),
+                "digest": signal.digest,
+                "samples": int(signal.resampler.time.size),
+                "columns": {name: variable.unit or "1" for name, variable in signal.variables.items()},
+            }
+            for signal in system.signals
+        },
+        "order": "parallel" if system.parallel else list(system.evaluation_order),
         "start_time": float(system.start_time),
         "stop_time": float(system.stop_time),
         "step_size": float(system.step_size),
         "steps": system.steps,
         "recorded": [".".join(entry) for entry in system.record],
         "decimation": system.decimation,
-        "system_hash": system.digest,
+        "system_digest": system.digest,
     }

@@ -9,7 +9,7 @@ from typing import Any
 from rich.markup import escape
 
 from ..errors import DescriptionError
-from .console import standard_output
+from .console import print_note, standard_output
 from .systems import given_system, system_arguments
 
 
@@ -30,7 +30,7 @@ def add(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     """Write a system as SSP or TOML."""
-    from ..system.ssp_write import write_ssp
+    from ..system.ssp_write import lost_elsewhere, write_ssp
     from ..system.toml_write import write_system
 
     writers = {".ssp": write_ssp, ".toml": write_system}
@@ -42,4 +42,6 @@ def _run(options: argparse.Namespace) -> int:
     standard_output().print(
         f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."
     )
+    for lost in lost_elsewhere(system) if suffix == ".ssp" else ():
+        print_note(f"note: {lost}")
     return 0

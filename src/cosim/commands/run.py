@@ -323,7 +323,7 @@ def _finish(
     if options.json:
         content = {
             "system": facts["system"],
-            "system_hash": facts["system_hash"],
+            "system_digest": facts["system_digest"],
             "partial": result.partial,
             "steps": facts["steps"],
             "step_size": facts["step_size"],

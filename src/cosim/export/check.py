@@ -140,11 +140,11 @@ def _types(declaration: Declaration, owner: type[Any], kind: type[Component]) ->
         yield "a Choice can only be a parameter. Write a number, and compare it in the equations."
     elif owner is kind.State and issubclass(kind, Plant) and not declaration.discrete and not _real(start):
         yield f"start {start!r} is no float, and the state is integrated. Write a float, or discrete=True."
-    for name in ("unit", "text"):
+    for name in ("unit", "description"):
         if not isinstance(getattr(declaration, name), str):
-            yield f"{name} {getattr(declaration, name)!r} is no text. The order is start, unit, text."
-    if not declaration.text or not str(declaration.text).strip():
-        yield "no text. Say what it means in a few words."
+            yield f"{name} {getattr(declaration, name)!r} is no text. The order is start, unit, description."
+    if not declaration.description or not str(declaration.description).strip():
+        yield "no description. Say what it means in a few words."
     for name in ("min", "max", "nominal"):
         value = getattr(declaration, name)
         if isinstance(value, bool) or not isinstance(value, plain) or math.isnan(value):

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from ..model import Controller, Plant
 from .contract import Fmi
-from .interface import Variable, fmi3_variables, reference_of, variables_of
+from .interface import InterfaceVariable, fmi3_variables, reference_of, variables_of
 from .trace import Trace
 
 _TYPES: Mapping[Fmi, Mapping[str, str]] = {
@@ -90,14 +90,14 @@ def model_c(trace: Trace, guid: str, fmi: Fmi = 2) -> str:
     return head + tables + trace.functions + _VARIANT + _variants(trace) + _tail(trace, fmi)
 
 
-def _plain(variables: Sequence[Variable], roles: Sequence[str]) -> bool:
+def _plain(variables: Sequence[InterfaceVariable], roles: Sequence[str]) -> bool:
     """Whether all variables of these roles are Real, inputs without bounds: the runtime then has a shorter way."""
     chosen = [v for v in variables if v.role in roles]
     return all(v.type == "Real" and (v.role != "input" or (v.min, v.max) == (-math.inf, math.inf)) for v in chosen)
 
 
-def _table(variables: Sequence[Variable], fmi: Fmi) -> str:
-    def kind(v: Variable) -> str:
+def _table(variables: Sequence[InterfaceVariable], fmi: Fmi) -> str:
+    def kind(v: InterfaceVariable) -> str:
         return "UNSIGNED" if v.role == "counter" and fmi == 3 else _TYPES[fmi][v.type]
 
     rows = "".join(

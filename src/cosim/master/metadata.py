@@ -26,12 +26,12 @@ def system_metadata(system: System) -> dict[str, Any]:
     return {
         "system": system.name,
         "description": system.description,
-        "system_hash": system.digest,
+        "system_digest": system.digest,
         "start_time": float(system.start_time),
         "stop_time": float(system.stop_time),
         "step_size": float(system.step_size),
         "order": system.order if isinstance(system.order, str) else list(system.order),
-        "evaluation_order": list(system.visits),
+        "evaluation_order": list(system.evaluation_order),
         "tolerance": system.tolerance,
         "decimation": system.decimation,
         "connections": [str(connection) for connection in system.connections],
@@ -42,14 +42,14 @@ def system_metadata(system: System) -> dict[str, Any]:
         "fmus": {
             i.name: {
                 "fmu": i.fmu.name,
-                "sha256": i.fmu.digest,
+                "digest": i.fmu.digest,
                 "fmi": i.fmu.fmi,
                 "version": i.fmu.version,
-                "description": i.fmu.text,
+                "description": i.fmu.description,
             }
             for i in system.instances
         },
-        "signals": {s.name: {"file": str(s.path), "sha256": s.digest} for s in system.signals},
+        "signals": {s.name: {"file": str(s.path), "digest": s.digest} for s in system.signals},
         "start_values": _start_values(system),
         "notes": list(system.notes),
         "versions": dict(_versions()),
@@ -85,8 +85,8 @@ def _column(name: str, variable: Variable) -> Column:
     unit = variable.unit or "1"
     shown = variable.display_unit
     if shown is None:
-        return Column(name, unit, variable.text, unit)
-    return Column(name, unit, variable.text, shown.name, shown.factor, shown.offset)
+        return Column(name, unit, variable.description, unit)
+    return Column(name, unit, variable.description, shown.name, shown.factor, shown.offset)
 
 
 @cache

@@ -114,9 +114,9 @@ class Run:
     def time(self) -> float:
         return float(self.clock[0] + self.state[loop.POINT] * self.clock[1])
 
-    def go(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
+    def run(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
         """From initialization to termination; or to point ``end``, which is left to whoever goes on."""
-        self.watch()
+        self.begin_log()
         try:
             self.initialize()
             stopped = self.step(progress, interrupted, end)
@@ -132,11 +132,11 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def go_on(
+    def resume(
         self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Presses
     ) -> Result:
         """From a restored checkpoint to the end. The instances are left there: their state is set or reset next."""
-        self.watch()
+        self.begin_log()
         try:
             for number, variable, value in changes:
                 self.slaves[number].set(variable, value)
@@ -150,7 +150,7 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def watch(self) -> None:
+    def begin_log(self) -> None:
         """Begin this run's log."""
         for slave in self.slaves:
             slave.log.begin(self.time)
@@ -165,22 +165,22 @@ class Run:
         self.propagate()
         for slave in self.slaves:
             slave.exit_initialization()
-        self.once(self.program.outputs)
+        self.evaluate(self.program.outputs)
 
     def propagate(self) -> None:
         """Outputs to inputs until nothing changes: two passes where there is no loop through initial values."""
         program = self.program
-        self.once(program.outputs)
+        self.evaluate(program.outputs)
         for _ in range(MAX_PASSES):
             before = program.values.copy()
-            self.once(program.initial)
+            self.evaluate(program.initial)
             if np.array_equal(before, program.values, equal_nan=True):
                 return
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
         Log.sink(self.notices[-1])
 
-    def once(self, rows: list[loop.Row]) -> None:
+    def evaluate(self, rows: list[loop.Row]) -> None:
         """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
         self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)

@@ -23,7 +23,7 @@ class Column:
 
     name: str
     unit: str
-    text: str
+    description: str
     display_unit: str
     display_factor: float = 1.0
     display_offset: float = 0.0
@@ -41,7 +41,7 @@ def description_of(csv: Path, columns: Sequence[Column], metadata: Mapping[str, 
         "url": csv.name,
         "tableSchema": {
             "columns": [
-                {"titles": c.name, "datatype": "double", "dc:description": c.text, "schema:unitText": c.unit}
+                {"titles": c.name, "datatype": "double", "dc:description": c.description, "schema:unitText": c.unit}
                 for c in columns
             ]
         },

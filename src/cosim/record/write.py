@@ -46,7 +46,9 @@ class _ParquetFile:
         self._arrow: Any = import_module("pyarrow")
         fields = [
             self._arrow.field(
-                c.name, self._arrow.float64(), metadata={"unit": c.unit, "display_unit": c.display_unit, "text": c.text}
+                c.name,
+                self._arrow.float64(),
+                metadata={"unit": c.unit, "display_unit": c.display_unit, "description": c.description},
             )
             for c in columns
         ]

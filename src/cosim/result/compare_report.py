@@ -14,7 +14,7 @@ from .plots import Panel, Series, plot_panels, typeset
 from .report import Chart, Notes, Part, Section, Table, Text, write_report
 from .result import Result
 from .run_report import figure_parts, provenance, system_parts
-from .summary import Figure, Missing, Row
+from .summary import Figure, FigureOfMerit, Missing
 
 MOST_SIGNALS = 8
 """Signals in a picture or page; those that differ most, if there are more."""
@@ -29,33 +29,33 @@ def comparison_rows(found: Comparison) -> list[Figure]:
             rows.append(Missing(f"{head}: difference", "a signal is not finite everywhere"))
             continue
         rows += [
-            Row(f"{head}: difference, maximum, at {entry.at:.6g} s", entry.maximum, entry.unit),
-            Row(f"{head}: difference, rms", entry.rms, entry.unit),
-            Row(f"{head}: difference, mean", entry.mean, entry.unit),
+            FigureOfMerit(f"{head}: difference, maximum, at {entry.at:.6g} s", entry.maximum, entry.unit),
+            FigureOfMerit(f"{head}: difference, rms", entry.rms, entry.unit),
+            FigureOfMerit(f"{head}: difference, mean", entry.mean, entry.unit),
         ]
         if math.isfinite(entry.fit):
             rows += [
-                Row(f"{head}: largest difference, of the range of {found.a}", 100.0 * entry.relative, "%"),
-                Row(f"{head}: fit (NRMSE)", entry.fit, "%"),
+                FigureOfMerit(f"{head}: largest difference, of the range of {found.a}", 100.0 * entry.relative, "%"),
+                FigureOfMerit(f"{head}: fit (NRMSE)", entry.fit, "%"),
             ]
         else:
             rows.append(Missing(f"{head}: fit (NRMSE)", f"{found.a} does not vary"))
         if entry.spectrum is not None and entry.rms > 0.0:
             said = f"{head}: largest component, at {entry.spectrum.peak_frequency:.4g} Hz"
-            rows.append(Row(said, entry.spectrum.peak_amplitude, entry.unit))
+            rows.append(FigureOfMerit(said, entry.spectrum.peak_amplitude, entry.unit))
         if entry.outside is not None:
             out = entry.outside
             said = f"{head}: outside the tolerance, first at {out.first:.6g} s"
             rows += [
-                Row(said, 100.0 * out.share, "% of the samples"),
-                Row(f"{head}: beyond it by", out.excess, entry.unit),
+                FigureOfMerit(said, 100.0 * out.share, "% of the samples"),
+                FigureOfMerit(f"{head}: beyond it by", out.excess, entry.unit),
             ]
     for entry in found.tracking:
         rows += [
-            Row(f"{entry.loop}: tracking error of {found.a}, rms", entry.rms_a, entry.unit),
-            Row(f"{entry.loop}: tracking error of {found.b}, rms", entry.rms_b, entry.unit),
-            Row(f"{entry.loop}: difference of the tracking errors, maximum", entry.maximum, entry.unit),
-            Row(f"{entry.loop}: difference of the tracking errors, rms", entry.rms, entry.unit),
+            FigureOfMerit(f"{entry.loop}: tracking error of {found.a}, rms", entry.rms_a, entry.unit),
+            FigureOfMerit(f"{entry.loop}: tracking error of {found.b}, rms", entry.rms_b, entry.unit),
+            FigureOfMerit(f"{entry.loop}: difference of the tracking errors, maximum", entry.maximum, entry.unit),
+            FigureOfMerit(f"{entry.loop}: difference of the tracking errors, rms", entry.rms, entry.unit),
         ]
     return rows
 

@@ -66,4 +66,4 @@ def _numbers(path: Path, table: Table) -> Any:
 
 def holds_result(path: Path) -> bool:
     """Whether a file was written by a run, with its metadata. Raises DescriptionError if it is not readable."""
-    return "system_hash" in open_table(path).metadata
+    return "system_digest" in open_table(path).metadata

@@ -150,7 +150,7 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
         (text, f"{facts[key]:.12g} {unit}".strip() if isinstance(facts[key], int | float) else str(facts[key]))
         for text, key, unit in (
             ("System", "system", ""),
-            ("Digest of everything that decides the results, SHA-256", "system_hash", ""),
+            ("Digest of everything that decides the results, SHA-256", "system_digest", ""),
             ("Start time", "start_time", "s"),
             ("Stop time", "stop_time", "s"),
             ("Communication step", "step_size", "s"),
@@ -167,12 +167,12 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
     rows += [(f"Version of {name}", text) for name, text in versions.items()]
     fmus = cast("Mapping[str, Mapping[str, Any]]", facts.get("fmus", {}))
     table: list[tuple[Cell, ...]] = [
-        (name, str(f["fmu"]), f"{f.get('fmi', '')}", str(f.get("version", "")), str(f["sha256"]))
+        (name, str(f["fmu"]), f"{f.get('fmi', '')}", str(f.get("version", "")), str(f["digest"]))
         for name, f in fmus.items()
     ]
     heads = ("Instance", "FMU", "FMI", "Version", "SHA-256 of the file")
     signals = cast("Mapping[str, Mapping[str, str]]", facts.get("signals", {}))
-    records: list[tuple[Cell, ...]] = [(name, entry["file"], entry["sha256"]) for name, entry in signals.items()]
+    records: list[tuple[Cell, ...]] = [(name, entry["file"], entry["digest"]) for name, entry in signals.items()]
     record_heads = ("Signal", "File", "SHA-256 of the file")
     tables = (Table(rows), Table(table, heads), Table(records, record_heads))
     return [table for table in tables if table.rows]

@@ -183,13 +183,6 @@ def _ends(where: str, text: str, findings: Findings) -> tuple[str, str] | None:
     return parts[0].strip(), parts[1].strip()
 
 
-def arrow(connection: Connection) -> str | None:
-    """``a.y -> b.u`` for ends that ``read_connections`` reads back from it, else None."""
-    source, target = (".".join(end) for end in (connection.source, connection.target))
-    plain = all("->" not in end and end == end.strip() for end in (source, target))
-    return f"{source} -> {target}" if plain else None
-
-
 # Both ends
 
 

@@ -6,12 +6,13 @@ import atexit
 import contextlib
 import hashlib
 import io
+import json
 import zipfile
 from collections.abc import Iterable, Mapping
 from decimal import Decimal, InvalidOperation
 from pathlib import Path, PurePosixPath
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import fmpy.ssp
 
@@ -140,9 +141,28 @@ class SspReader:
         if record is not None:
             names = [element.get("name") for element in record.findall(tag("cosim:Variable"))]
             document["record"] = {"variables": names, "decimation": int(record.get("decimation", "1"))}
+        if own is not None:
+            self.more(own.find(tag("cosim:Document")), document)
         if self.problems:
             raise DescriptionError(self.problems)
         return document
+
+    def more(self, element: Any, document: dict[str, Any]) -> None:
+        """Enter what SSP has no word for: records, and the connections of inputs that get a record, a sum or noise."""
+        if element is None:
+            return
+        try:
+            more = json.loads(element.text or "", parse_float=Decimal)
+            connections, signals = list(more["connections"]), dict(more["signals"])
+        except (ValueError, TypeError, KeyError):
+            self.problem("the annotation of signals cannot be read. Export the system again.")
+            return
+        for name, table in signals.items():
+            table["file"] = self.source(f"signals.{name}", quote(str(table.get("file", ""))))
+        if signals:
+            document["signals"] = signals
+        targets = {c.split("->")[1].strip() if isinstance(c, str) else c.get("to") for c in connections}
+        document["connections"] = [c for c in document["connections"] if c["to"] not in targets] + connections
 
     def instance(self, element: Any) -> dict[str, Any]:
         name = element.get("name")

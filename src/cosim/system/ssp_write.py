@@ -1,12 +1,13 @@
 """Systems as SSP 1.0 (System Structure and Parameterization): what other tools read, with the FMUs inside.
 
 ``write_ssp`` packs a checked system; ``read_ssp`` gives the document of an .ssp or .ssd for ``make_system``. What SSP
-has no word for (communication step size, order, step multiples, record) stands in annotations of type
-``motion-cosim``; readers that do not know them use the rest.
+has no word for (communication step size, order, step multiples, record, signals, sums, noise) stands in annotations of
+type ``motion-cosim``; readers that do not know them use the rest.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -20,6 +21,7 @@ from ..fmu.xml import document
 from ..units import BASE_UNITS
 from .parts import Connection
 from .ssp_names import ANNOTATION, NAMESPACES, tag
+from .written import connection_entries, record_names, signal_tables, unique_names
 
 if TYPE_CHECKING:
     from .system import System
@@ -39,7 +41,7 @@ GENERATION_DATE = "2026-01-01T00:00:00Z"
 def write_ssp(system: System, target: str | Path) -> Path:
     """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises FileError."""
     target = Path(target)
-    files = resource_names(system)
+    files = unique_names(path for paths in (resource_names(system), record_names(system)) for path in paths)
     description = structure(system, {path: f"resources/{name}" for path, name in files.items()})
     start = "SystemStructure.ssd"
     members = {start: description, **{f"resources/{name}": path for path, name in files.items()}}
@@ -49,23 +51,40 @@ def write_ssp(system: System, target: str | Path) -> Path:
 
 def resource_names(system: System) -> dict[Path, str]:
     """A file name for each FMU of the system; different FMUs of one name are told apart by a number."""
-    names: dict[Path, str] = {}
-    taken: set[str] = set()
-    for instance in system.instances:
-        path = instance.fmu.path
-        if path in names:
-            continue
-        name, number = path.name, 1
-        while name.lower() in taken:
-            number += 1
-            name = f"{path.stem}_{number}.fmu"
-        taken.add(name.lower())
-        names[path] = name
-    return names
+    return unique_names(instance.fmu.path for instance in system.instances)
+
+
+def lost_elsewhere(system: System) -> list[str]:
+    """What other tools do not do when they run the .ssp of this system, a sentence each."""
+    lost: list[str] = []
+    own = own_connections(system)
+    open_inputs = dict.fromkeys(".".join(c.target) for c in own if _is_own(system, c))
+    if open_inputs:
+        lost.append(
+            f"records and sums are beyond SSP 1.0: other tools leave {', '.join(open_inputs)} unconnected. "
+            "The package holds the records as resources."
+        )
+    noisy = [".".join(c.target) for c in own if c.noise is not None and not _is_own(system, c)]
+    if noisy:
+        lost.append(f"noise is beyond SSP 1.0: other tools leave out that on {', '.join(noisy)}.")
+    return lost
+
+
+def own_connections(system: System) -> list[Connection]:
+    """The connections that SSP has no word for: all of an input that gets a record, a sum or noise."""
+    targets = {c.target for c in system.connections if c.noise is not None or _is_own(system, c)}
+    return [connection for connection in system.connections if connection.target in targets]
+
+
+def _is_own(system: System, connection: Connection) -> bool:
+    """Whether other tools cannot do a connection even in part."""
+    records = {signal.name for signal in system.signals}
+    same = [c for c in system.connections if c.target == connection.target]
+    return len(same) > 1 or connection.source[0] in records
 
 
 def structure(system: System, sources: Mapping[Path, str]) -> bytes:
-    """SystemStructure.ssd of a system; ``sources`` gives the URI of each FMU file relative to it."""
+    """SystemStructure.ssd of a system; ``sources`` gives the path of each FMU and record relative to it."""
     for prefix, uri in NAMESPACES.items():
         ElementTree.register_namespace(prefix, uri)
     root = ElementTree.Element(
@@ -92,8 +111,8 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             source=quote(sources[fmu.path]),
             implementation="CoSimulation",
         )
-        if fmu.text:
-            component.set("description", fmu.text)
+        if fmu.description:
+            component.set("description", fmu.description)
         connectors = _sub(component, "ssd:Connectors")
         for name in (*fmu.inputs, *fmu.outputs):
             variable = fmu.variables[name]
@@ -111,6 +130,8 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             _sub(hint, "osp:StepSizeHint", value=str(system.step_size * instance.step_multiple))
     connections = _sub(top, "ssd:Connections")
     for connection in system.connections:
+        if _is_own(system, connection):
+            continue
         element = _sub(
             connections,
             "ssd:Connection",
@@ -120,7 +141,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             endConnector=connection.target[1],
         )
         _transformation(element, connection)
-    if not system.connections:
+    if not len(connections):
         top.remove(connections)
     # OMSimulator reads no system that does not name its master, and takes a tolerance left out as 0.
     holder = _sub(_sub(_sub(top, "ssd:Annotations"), "ssc:Annotation", type="org.openmodelica"), "oms:Annotations")
@@ -139,6 +160,12 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
     record = _sub(own, "cosim:Record", decimation=str(system.decimation))
     for name, variable in system.record:
         _sub(record, "cosim:Variable", name=f"{name}.{variable}")
+    if own_connections(system) or system.signals:
+        more = {
+            "connections": connection_entries(own_connections(system)),
+            "signals": signal_tables(system, sources),
+        }
+        _sub(own, "cosim:Document").text = json.dumps(more, default=float, ensure_ascii=False)
     return document(root)
 
 

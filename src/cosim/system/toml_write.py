@@ -10,29 +10,36 @@ from ..files import write_file
 from ..fmu.description import Fmu
 from ..fmu.tables import write_toml
 from ..fmu.variables import Value
-from .connections import arrow
-from .parts import Connection
 from .ssp_write import resource_names
+from .written import connection_entries, record_names, signal_tables
 
 if TYPE_CHECKING:
     from .system import System
 
 
 def write_system(system: System, target: str | Path) -> Path:
-    """Write a system as a TOML file, its FMUs into the folder STEM_fmus beside it. Raises FileError."""
+    """Write a system as a TOML file, its FMUs into the folder STEM_fmus beside it, records into STEM_records.
+
+    Raises FileError.
+    """
     target = Path(target)
     names = resource_names(system)
     folder = target.with_name(f"{target.stem}_fmus")
-    for path, name in names.items():
-        write_file(folder / name, path.read_bytes())
-    return write_toml(target, document(system, {path: f"{folder.name}/{name}" for path, name in names.items()}))
+    records = record_names(system)
+    record_folder = target.with_name(f"{target.stem}_records")
+    sources: dict[Path, str] = {}
+    for place, files in ((folder, names), (record_folder, records)):
+        for path, name in files.items():
+            write_file(place / name, path.read_bytes())
+            sources[path] = f"{place.name}/{name}"
+    return write_toml(target, document(system, sources))
 
 
 def document(system: System, sources: Mapping[Path, str]) -> dict[str, Any]:
-    """A system as the keys of a system file; ``sources`` gives the path of each FMU relative to it."""
+    """A system as the keys of a system file; ``sources`` gives the path of each FMU and record relative to it."""
     return {
         **({"description": system.description} if system.description else {}),
-        "connections": [_connection(connection) for connection in system.connections],
+        "connections": connection_entries(system.connections),
         "experiment": {
             **{key: getattr(system, key) for key in ("start_time", "stop_time", "step_size")},
             "order": system.order if isinstance(system.order, str) else list(system.order),
@@ -46,23 +53,8 @@ def document(system: System, sources: Mapping[Path, str]) -> dict[str, Any]:
             }
             for instance in system.instances
         },
+        **({"signals": signal_tables(system, sources)} if system.signals else {}),
         "record": {"decimation": system.decimation, "variables": [".".join(entry) for entry in system.record]},
-    }
-
-
-def _connection(connection: Connection) -> str | dict[str, Any]:
-    """A connection so that reading it gives the same one."""
-    short = arrow(connection)
-    if short is not None and connection.units == "same" and connection.stated == (1.0, 0.0):
-        return short
-    factor, offset = connection.stated
-    units = {"converted": "convert", "suppressed": "suppress"}.get(connection.units)
-    return {
-        "from": ".".join(connection.source),
-        "to": ".".join(connection.target),
-        **({"factor": factor} if connection.units == "given" or factor != 1.0 else {}),
-        **({"offset": offset} if offset != 0.0 else {}),
-        **({} if units is None else {"units": units}),
     }
 
 

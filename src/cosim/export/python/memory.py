@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from ...model import Component
 from ..contract import INSTANTIATED
-from ..interface import Variable, gap_rules, ordered_states, scalars, variables_of
+from ..interface import InterfaceVariable, gap_rules, ordered_states, scalars, variables_of
 from .dual import Dual
 from .ticks import Ticks
 
@@ -41,11 +41,11 @@ class Memory:
         return asdict(self)
 
 
-class Interface:
+class MemoryLayout:
     """Where the variables of a component are in ``Memory.v``."""
 
     def __init__(self, kind: type[Component]) -> None:
-        self.variables: tuple[Variable, ...] = variables_of(kind)
+        self.variables: tuple[InterfaceVariable, ...] = variables_of(kind)
         states, self.n_continuous = ordered_states(kind)
         sizes = [
             len(scalars(kind)),
@@ -71,12 +71,12 @@ class Interface:
 
 
 @cache
-def interface(kind: type[Component]) -> Interface:
+def interface(kind: type[Component]) -> MemoryLayout:
     """The interface of a component, made once."""
-    return Interface(kind)
+    return MemoryLayout(kind)
 
 
-def value_of(variable: Variable, number: float) -> Any:
+def value_of(variable: InterfaceVariable, number: float) -> Any:
     """What a component's field holds for the number an FMU holds; its start value for a number without a member."""
     if variable.choice is not None:
         known = {item.number: item for item in variable.choice}
@@ -84,7 +84,7 @@ def value_of(variable: Variable, number: float) -> Any:
     return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
 
 
-def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
+def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, InterfaceVariable]]) -> Sequence[Any]:
     """Values as equations see them: those of ``whole`` places are no floats."""
     if not whole:
         return values

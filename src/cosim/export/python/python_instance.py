@@ -16,11 +16,11 @@ from typing import Any, ClassVar, cast
 from ...model import Component, Controller, Plant, Record, Source, unflatten
 from .. import contract
 from ..contract import BEFORE, DISCARD, ERROR, FAILED, INITIALIZATION, STEP_COMPLETE, STEP_FAILED, TERMINATED
-from ..interface import Variable, unchecked
+from ..interface import InterfaceVariable, unchecked
 from .dual import Dual, plain
-from .integrator import Problem, Progress, Stopped, integrate
+from .integrator import Problem, StepProgress, Stopped, integrate
 from .memory import Memory, float_of, interface, numbers, value_of, with_types
-from .messages import CATEGORIES, PHASES, Message, Refusal
+from .messages import CATEGORIES, PHASES, LogEntry, Refusal
 from .ticks import EPSILON, Ticks
 
 
@@ -31,7 +31,7 @@ class Instance:
 
     def __init__(self, **arguments: Any) -> None:
         self.instance_name = str(arguments["instance_name"])
-        self.log_queue: list[Message] = []
+        self.log_queue: list[LogEntry] = []
         self.face = interface(self.kind)
         starts = [variable.start for variable in self.face.variables]
         self.memory = Memory(v=starts, next=[0.0] * len(starts[self.face.states]))
@@ -39,7 +39,7 @@ class Instance:
 
     # What PythonFMU calls
 
-    def _get_log_queue(self) -> list[Message]:
+    def _get_log_queue(self) -> list[LogEntry]:
         return self.log_queue
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
@@ -155,7 +155,7 @@ class Instance:
 
     def say(self, status: int, text: str) -> None:
         """Log a message; the FMI call in progress returns its status."""
-        self.log_queue.append(Message(status, CATEGORIES[status], text))
+        self.log_queue.append(LogEntry(status, CATEGORIES[status], text))
 
     def guard(self, function: str, phases: int, call: Callable[[str], None]) -> None:
         """Run one FMI call where it is legal. Whatever goes wrong becomes a message; an error fails the instance."""
@@ -175,7 +175,7 @@ class Instance:
             self.say(ERROR, f"{function}: {self.kind.__name__} failed in Python: {kind}: {error}".rstrip(": "))
             memory.phase = FAILED
 
-    def checked(self, function: str, reference: int, types: Sequence[str]) -> Variable:
+    def checked(self, function: str, reference: int, types: Sequence[str]) -> InterfaceVariable:
         """The variable of a value reference, which must have one of the types."""
         if not 0 <= reference < len(self.face.variables):
             last = len(self.face.variables) - 1
@@ -260,7 +260,7 @@ class Instance:
 
         self.guard(function, contract.LEGAL["SET"], write)
 
-    def set_one(self, function: str, variable: Variable, value: float) -> None:
+    def set_one(self, function: str, variable: InterfaceVariable, value: float) -> None:
         """Set one variable or refuse its value."""
         memory, reference = self.memory, variable.reference
         previous = memory.v[reference]
@@ -483,7 +483,7 @@ class Instance:
         else:
             tolerance = memory.v[face.references["tolerance"]]
             problem = Problem(derivative, linear, accepted, face.nominals, tolerance, int(contract.LIMITS["ATTEMPTS"]))
-            progress = Progress(memory.step, memory.counts)
+            progress = StepProgress(memory.step, memory.counts)
             try:
                 integrate(problem, progress, memory.time, end, states[:n])
             except Stopped as stopped:
