@@ -625,6 +625,29 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
             },
         ),
     ),
+    "CascadeP": (
+        Validation(
+            name="tracking",
+            description="A sine with a position that is off by another one, into the limit and out of it",
+            step_size=STEP,
+            steps=128,
+            shown=("command", "velocity_estimate"),
+            parameters={"T_s": STEP, "K_pos": 120.0, "K_vel": 300.0, "command_max": 4.0},
+            stimuli={
+                "position_ref": sine(2e-3, 2.0, 0.3),
+                "position": total(sine(2e-3, 2.0, 0.2), sine(20e-6, 8.75)),
+            },
+        ),
+        Validation(
+            name="two samples a step",
+            description="Without limit, two samples a step",
+            step_size=2.0 * STEP,
+            steps=64,
+            shown=("command", "error"),
+            parameters={"T_s": STEP, "K_pos": 60.0, "command_max": 0.0},
+            stimuli={"position_ref": approach(1e-3, 20.0), "position": approach(1e-3, 15.0)},
+        ),
+    ),
     "FrictionPulse": (
         Validation(
             name="tables",

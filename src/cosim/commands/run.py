@@ -98,7 +98,8 @@ def _run(options: argparse.Namespace) -> int:
             _finish(interruption.result, options, record, begun, notes, overlay=overlay, interrupted=True)
             return 128 + interruption.number
         if trial is not None:
-            found = trial.findings(seconds=TRIAL_SECONDS).notes
+            said = _said(result)
+            found = [note for note in trial.findings(seconds=TRIAL_SECONDS).notes if note not in said]
             _show_notes(found, options)
             notes += found
         return _finish(result, options, record, begun, notes, overlay=overlay)
@@ -338,7 +339,7 @@ def _finish(
                 {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
                 for row in figures
             ],
-            "notes": notes,
+            "notes": [*notes, *_said(result)],
             "overlay": None if compared is None else comparison_content(compared),
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
@@ -377,6 +378,11 @@ def _not_finite(wrong: Mapping[str, float]) -> str:
     shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
     more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
     return f"{shown}{more}. No figure is computed from these."
+
+
+def _said(result: Result) -> list[str]:
+    """The warnings of FMUs, in the words of ``cosim check``."""
+    return [f"{message.instance}: {message.text}" for message in result.messages if message.status == "Warning"]
 
 
 def _show_messages(result: Result, but: str = "") -> None:
