@@ -20,7 +20,7 @@ from cosim.design.plan import make_sweep
 from cosim.design.pulse import MONITORED, learn_friction_pulse, log_interpolated
 from cosim.design.reversals import LEAD_IN
 from cosim.design.stability import limit_map, read_map
-from cosim.design.sweep import Progress, sweep
+from cosim.design.sweep import SweepProgress, sweep
 
 STUDIES = Path(__file__).parents[1] / "studies"
 
@@ -69,7 +69,7 @@ class Memory:
         self.readings: dict[str, float] = {}
         self.started: tuple[float, int] | None = None
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: SweepProgress) -> None:
         if progress.done and self.started is None:
             self.started = time.perf_counter(), progress.done
         for name, share in (("quarter", 0.25), ("end", 0.97)):
@@ -99,7 +99,9 @@ def sweeps(runs: int) -> None:
             begun = time.perf_counter()
             ends: list[tuple[float, int, float]] = []
 
-            def seen(progress: Progress, memory: Memory = memory, ends: list[tuple[float, int, float]] = ends) -> None:
+            def seen(
+                progress: SweepProgress, memory: Memory = memory, ends: list[tuple[float, int, float]] = ends
+            ) -> None:
                 memory(progress)
                 ends.append((time.perf_counter(), progress.done, processor_seconds()))
 

@@ -118,8 +118,8 @@ def declared(**fields: Any) -> type[Component]:
         (parameter(1.0, "m", "Length", nominal=0.0), r"nominal 0 m\. Give a positive number"),
         (parameter(1.0, "metre", "Length"), r"unit 'metre': unknown symbol 'metre'"),
         (parameter(1.0, "m", "Length", display_unit="s"), r"unit 'm' cannot be converted to 's'"),
-        (parameter(1.0, "m", ""), r"no text\. Say what it means"),
-        (parameter(1.0, "m", " "), r"no text\. Say what it means"),
+        (parameter(1.0, "m", ""), r"no description\. Say what it means"),
+        (parameter(1.0, "m", " "), r"no description\. Say what it means"),
         (parameter(1.0, None, "Length"), r"unit None is no text"),  # type: ignore[arg-type]
         (parameter("1.0", "m", "Length"), r"start '1\.0' is a str\. Give a float"),
         (parameter(None, "m", "Length"), r"start None is a NoneType"),
@@ -323,8 +323,8 @@ def test_wrong_structure_is_refused(kind: type[Component], text: str) -> None:
         ({"one": (1.5, "One")}, r"1\.5 is no whole number"),
         ({"one": (True, "One")}, r"True is no whole number"),
         ({"one": (2**31, "One")}, r"no whole number of 32 bits"),
-        ({"one": (1, "")}, r"one has no text"),
-        ({"one": 1}, r"one has no text\. Write one = 1"),
+        ({"one": (1, "")}, r"one has no description"),
+        ({"one": 1}, r"one has no description\. Write one = 1"),
     ],
 )
 def test_choice_is_refused_where_it_is_declared(members: dict[str, Any], text: str) -> None:

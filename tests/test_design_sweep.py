@@ -22,7 +22,7 @@ from fmu_files import PROBE, probe_library, write_fmu
 from cosim.design import crew
 from cosim.design.dataset import DataSet
 from cosim.design.plan import Sweep, make_sweep, read_sweep
-from cosim.design.sweep import Progress, report, sweep
+from cosim.design.sweep import SweepProgress, report, sweep
 from cosim.design.workers import LEAST_SECONDS, LONGEST_TIMES, UNKNOWN_SECONDS, Limit
 from cosim.errors import CosimError, DescriptionError, FileError
 from cosim.system.system import read_system
@@ -160,7 +160,7 @@ def test_an_interrupted_sweep_goes_on_where_it_was(make: Callable[..., Sweep], t
     plan = make({"controller.K_P": {"from": 300.0, "to": 1200.0, "count": 30}})
     sweep(plan, tmp_path / "whole", workers=0)
 
-    def stop(progress: Progress) -> None:
+    def stop(progress: SweepProgress) -> None:
         if progress.done > 3:
             raise Stop
 
@@ -306,7 +306,7 @@ def test_a_worker_killed_on_the_way_costs_no_run(make: Callable[..., Sweep], tmp
     sweep(plan, tmp_path / "whole", workers=0)
     killed: list[int] = []
 
-    def kill(progress: Progress) -> None:
+    def kill(progress: SweepProgress) -> None:
         if progress.done > 4 and not killed:
             victim = workers()[0]
             killed.append(victim.pid)

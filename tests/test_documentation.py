@@ -95,7 +95,7 @@ def test_pages_say_all_that_the_docstring_and_the_declaration_say(native: Path, 
     for v in variables_of(kind):
         if v.role != "derivative" and "[" not in v.name:
             assert v.name in said
-            assert " ".join(v.text.split()) in said
+            assert " ".join(v.description.split()) in said
 
 
 @pytest.mark.parametrize("name", COMPONENTS)

@@ -34,7 +34,8 @@ from cosim import (
 from cosim.export.package import build
 from cosim.master.instance import CallError
 from cosim.model import Controller, Plant, Record, parameter, variable
-from cosim.record.write import Column, check_output
+from cosim.record.description import Column
+from cosim.record.write import check_output
 
 CACHE = Path(__file__).parents[1] / "build" / "cache"
 
@@ -579,7 +580,7 @@ def test_result_knows_units_and_origin(make: Make, monkeypatch: pytest.MonkeyPat
     assert result.unit("plant.position") == "m"
     assert result.unit("a.count") == "1"
     assert "plant.position" in result
-    assert result.metadata["system_hash"] == system.digest
+    assert result.metadata["system_digest"] == system.digest
     assert result.metadata["connections"] == ["a.y -> plant.command"]
     with pytest.raises(DescriptionError, match=r"'plant.positon' was not recorded. Did you mean 'plant.position'\?"):
         result["plant.positon"]
@@ -648,7 +649,7 @@ def test_parquet_carries_units_and_hash(make: Make, tmp_path: Path) -> None:
     assert table.column("a.y").to_pylist() == result["a.y"].tolist()
     assert table.schema.field("a.y").metadata[b"unit"] == b"V"
     assert table.schema.field("time").metadata[b"unit"] == b"s"
-    assert table.schema.metadata[b"system_hash"].decode() == system.digest
+    assert table.schema.metadata[b"system_digest"].decode() == system.digest
     assert table.schema.metadata[b"partial"] == b"false"
 
 

@@ -98,10 +98,10 @@ def foreign(
 
 def same(one: System, other: System) -> bool:
     """Whether two systems give the same results and say the same of themselves."""
-    return (one.digest, one.description, one.visits, one.record, one.decimation) == (
+    return (one.digest, one.description, one.evaluation_order, one.record, one.decimation) == (
         other.digest,
         other.description,
-        other.visits,
+        other.evaluation_order,
         other.record,
         other.decimation,
     )

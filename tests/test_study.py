@@ -53,7 +53,7 @@ def outcomes(failed: str = "", **numbers: Numbers) -> Outcomes:
         (study.both(study.at_most(5.0), study.falling()), {"a": 3.0, "b": 4.0}, {}, False),
     ],
 )
-def test_rules(rule: study.Rule, values: Numbers, published: Numbers, holds: bool) -> None:
+def test_rules(rule: study.Criterion, values: Numbers, published: Numbers, holds: bool) -> None:
     assert rule.holds(values, published) is holds
 
 

@@ -141,7 +141,7 @@ def test_patterns_record_what_varies(read: Read) -> None:
 
 def test_order_is_derived_from_feedthrough(read: Read) -> None:
     """The controller's command depends on its inputs, so the plant comes after it although it is named first."""
-    assert read().visits.index("controller") < read().visits.index("plant")
+    assert read().evaluation_order.index("controller") < read().evaluation_order.index("plant")
 
 
 def test_instances_that_need_each_other_through_different_variables_come_twice(folder: Path) -> None:
@@ -161,12 +161,12 @@ def test_instances_that_need_each_other_through_different_variables_come_twice(f
         },
         folder=folder,
     )
-    assert system.visits == ("s", "x", "y", "x")
+    assert system.evaluation_order == ("s", "x", "y", "x")
 
 
 def test_a_given_order_against_feedthrough_is_a_note(read: Read) -> None:
     system = read(GOOD, ("step_size = 1e-3", 'step_size = 1e-3\norder = ["plant", "controller", "source"]'))
-    assert system.visits == ("plant", "controller", "source")
+    assert system.evaluation_order == ("plant", "controller", "source")
     assert system.notes == (
         "connection controller.command -> plant.command: one step of delay: controller comes after plant in the "
         "order, and its output depends directly on its inputs. Put controller before plant.",

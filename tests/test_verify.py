@@ -17,7 +17,7 @@ from cosim.commands.cli import main
 from cosim.errors import DescriptionError
 from cosim.reference import fmi_ls_ref as lsref
 from cosim.reference import replay as module
-from cosim.reference.fmi_ls_ref import Experiment, Related, Tolerance
+from cosim.reference.fmi_ls_ref import ReferenceExperiment, Related, Tolerance
 from cosim.reference.replay import verify
 
 STEP = 0.125
@@ -50,7 +50,7 @@ def parameters(inner: str) -> str:
 
 
 GAIN = parameters('<ssv:Parameter name="gain"><ssv:Real value="2.0"/></ssv:Parameter>')
-EXPERIMENT = Experiment(
+EXPERIMENT = ReferenceExperiment(
     "lag",
     "A lag",
     start_time=0.0,
@@ -116,9 +116,9 @@ def test_times_as_attributes_are_read_and_the_default_tolerance_holds(tmp_path: 
 
 def test_held_stimuli_stay_between_rows_and_others_are_interpolated(tmp_path: Path) -> None:
     # rows twice as far apart as steps: a held input is that of the row before, another one the mean of both
-    experiment = Experiment("half", step_size=STEP / 2, stop_time=1.0, stimuli="in.csv", references="out.csv")
+    experiment = ReferenceExperiment("half", step_size=STEP / 2, stop_time=1.0, stimuli="in.csv", references="out.csv")
     for held, middle in ((True, 0.0), (False, 0.5)):
-        changed = Experiment(**{**experiment.__dict__, "held": held})
+        changed = ReferenceExperiment(**{**experiment.__dict__, "held": held})
         files: dict[str, bytes | str | None] = {
             "e.exp": lsref.write_experiments("probe", "", [changed]),
             "out.csv": lsref.write_csv(("z",), [["0", "0"], [repr(STEP), repr(middle)]]),
@@ -200,7 +200,7 @@ def test_what_is_wrong_with_the_files_is_said(tmp_path: Path, files: dict[str, b
 def test_columns_of_other_fmus_are_a_remark(tmp_path: Path, names: tuple[str, ...]) -> None:
     rows = [{"y": y, "z": z} for y, z in response()]
     out = table(names, [[row.get(name, 1e9) for name in names] for row in rows])
-    experiment = Experiment(**{**EXPERIMENT.__dict__, "tolerances": {}})
+    experiment = ReferenceExperiment(**{**EXPERIMENT.__dict__, "tolerances": {}})
     report = verify(probe(tmp_path, {"e.exp": lsref.write_experiments("probe", "", [experiment]), "out.csv": out}))
     (outcome,) = report.outcomes
     others = ", ".join(f"'{name}'" for name in names if name not in ("y", "z"))
@@ -210,7 +210,9 @@ def test_columns_of_other_fmus_are_a_remark(tmp_path: Path, names: tuple[str, ..
 
 
 def test_all_problems_of_an_experiment_are_told_and_others_run(tmp_path: Path) -> None:
-    second = Experiment(**{**EXPERIMENT.__dict__, "name": "second", "stimuli": "gone.csv", "parameters": "lost.ssv"})
+    second = ReferenceExperiment(
+        **{**EXPERIMENT.__dict__, "name": "second", "stimuli": "gone.csv", "parameters": "lost.ssv"}
+    )
     report = verify(probe(tmp_path, {"e.exp": lsref.write_experiments("probe", "", [second, EXPERIMENT])}))
     assert report.code == 2
     assert sum("experiment 'second'" in problem for problem in report.problems) == 2
@@ -230,7 +232,7 @@ def _real(name: str, value: float) -> str:
 
 
 def test_a_crashing_fmu_ends_its_own_process_only_and_each_experiment_is_tried(tmp_path: Path) -> None:
-    second = Experiment(**{**EXPERIMENT.__dict__, "name": "second"})
+    second = ReferenceExperiment(**{**EXPERIMENT.__dict__, "name": "second"})
     files: dict[str, bytes | str | None] = {"e.exp": lsref.write_experiments("probe", "", [EXPERIMENT, second])}
     report = verify(probe(tmp_path, files, "crash"))
     assert report.code == 1
@@ -304,7 +306,7 @@ def test_fmi_3_with_arrays_enumerations_and_booleans(tmp_path: Path) -> None:
         for k, ((y, z), sign) in enumerate(zip(rows, signs, strict=True))
     ]
     elements = [[repr(k * STEP), repr(z), repr(y)] for k, (y, z) in enumerate(rows)]
-    experiment = Experiment(**{**EXPERIMENT.__dict__, "tolerances": {}})
+    experiment = ReferenceExperiment(**{**EXPERIMENT.__dict__, "tolerances": {}})
     files = {**GOOD, "e.exp": lsref.write_experiments("probe", "", [experiment]), "gain.ssv": values}
     library = f"binaries/{_tuple()}/probe3{Path(library_name()).suffix}"
     for out in (lsref.write_csv(("y", "positive"), cells), lsref.write_csv(("y[2]", "y[1]"), elements)):
@@ -366,7 +368,7 @@ def test_a_difference_of_an_array_is_that_of_its_widest_element() -> None:
 def test_rows_at_an_event(held: bool, times: list[float], expected: list[float]) -> None:
     y = SimpleNamespace(name="y", unit="V", declaredType=None, shape=())
     references = lsref.Table(("y",), tuple(times), tuple((repr(value),) for value in expected))
-    experiment = Experiment("event", step_size=1.0, held=held)
+    experiment = ReferenceExperiment("event", step_size=1.0, held=held)
     job = module._Job(experiment, references, variables={"y": (y, None)})
     columns = {"time": np.array([0.0, 1.0, 1.0, 2.0]), "y": np.array([0.0, 1.0, 2.0, 3.0])}
     assert module._compared(job, columns, 1e-9).within
@@ -433,7 +435,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 def test_negative_tolerances_and_repeated_names_are_problems(tmp_path: Path) -> None:
     path = tmp_path / "e.exp"
-    twice = Experiment(**{**EXPERIMENT.__dict__, "tolerances": {"y": Tolerance(-1.0, 0.0)}})
+    twice = ReferenceExperiment(**{**EXPERIMENT.__dict__, "tolerances": {"y": Tolerance(-1.0, 0.0)}})
     path.write_bytes(lsref.write_experiments("probe", "", [EXPERIMENT, twice]))
     with pytest.raises(DescriptionError) as error:
         lsref.read_experiments(path)

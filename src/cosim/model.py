@@ -52,21 +52,21 @@ Variability = Literal["fixed", "tunable"]
 
 
 class Choice(Enum):
-    """An enumeration parameter: ``name = number, "text"`` a member.
+    """An enumeration parameter: ``name = number, "description"`` a member.
 
     Numbers are those of FMI: whole, of 32 bits, each used once, in any order. Raises DescriptionError for others.
     """
 
-    def __init__(self, number: int, text: str = "") -> None:
+    def __init__(self, number: int, description: str = "") -> None:
         self.number = number
-        self.text = text
+        self.description = description
         member = f"{type(self).__name__}.{self.name}"
         if type(cast(object, number)) is not int or not -(2**31) <= number < 2**31:
             raise DescriptionError(
                 f"{member}: {number!r} is no whole number of 32 bits. Write {self.name} = 1, 'What it means'."
             )
-        if not isinstance(cast(object, text), str) or not text.strip():
-            raise DescriptionError(f"{member} has no text. Write {self.name} = {number}, 'What it means'.")
+        if not isinstance(cast(object, description), str) or not description.strip():
+            raise DescriptionError(f"{member} has no description. Write {self.name} = {number}, 'What it means'.")
 
     def __init_subclass__(cls) -> None:
         first: dict[int, str] = {}
@@ -92,7 +92,7 @@ class Declaration:
     """Name in Python."""
     start: Any
     unit: str
-    text: str
+    description: str
     min: float
     max: float
     nominal: float
@@ -122,7 +122,7 @@ class Declaration:
 def parameter(
     start: T,
     unit: str,
-    text: str,
+    description: str,
     *,
     min: float = -math.inf,
     max: float = math.inf,
@@ -131,12 +131,19 @@ def parameter(
     variability: Variability = "fixed",
     name: str | None = None,
 ) -> T:
-    """Declare a parameter: start value, unit, text, bounds.
+    """Declare a parameter: start value, unit, description, bounds.
 
     ``start`` may be a float, int, bool, ``Choice`` member or tuple of floats (array of fixed length).
     ``tunable`` parameters may be changed during a run. ``name`` is the name in FMUs if it is not the attribute's.
     """
-    metadata = {"unit": unit, "text": text, "min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    metadata = {
+        "unit": unit,
+        "description": description,
+        "min": min,
+        "max": max,
+        "nominal": nominal,
+        "display_unit": display_unit,
+    }
     metadata |= {"variability": variability, "name": name, "discrete": False}
     return field(default=start, metadata=metadata)
 
@@ -144,7 +151,7 @@ def parameter(
 def variable(
     start: T,
     unit: str,
-    text: str,
+    description: str,
     *,
     min: float = -math.inf,
     max: float = math.inf,
@@ -158,7 +165,14 @@ def variable(
     ``nominal`` is the order of magnitude; the integrator's absolute tolerance of a state is its tolerance
     times it. ``discrete`` marks a state of a ``Plant`` that ``update`` sets and integration leaves alone.
     """
-    metadata = {"unit": unit, "text": text, "min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    metadata = {
+        "unit": unit,
+        "description": description,
+        "min": min,
+        "max": max,
+        "nominal": nominal,
+        "display_unit": display_unit,
+    }
     metadata |= {"variability": "fixed", "name": name, "discrete": discrete}
     return field(default=start, metadata=metadata)
 
@@ -216,6 +230,22 @@ class Rule:
 
 
 @dataclass(frozen=True)
+class Note:
+    """What is legal but suspicious while ``value`` is above ``limit``.
+
+    Told as ``"<name> = <value> <unit> is above <limit_name> = <limit> <unit>: <text>"``; ``text`` says what follows
+    from it and what to do.
+    """
+
+    name: str
+    value: float
+    limit_name: str
+    limit: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
 class Experiment:
     """The default experiment of a component, in seconds."""
 
@@ -249,6 +279,13 @@ class Component:
 
     def rules(self) -> tuple[Rule, ...]:
         """Conditions between parameters, checked when initialization ends; none unless overridden."""
+        return ()
+
+    def notes(self, x: Any) -> tuple[Note, ...]:
+        """What is legal but suspicious about parameters and the state ``x``; nothing unless overridden.
+
+        Looked at when initialization ends and when a run ends. An FMU tells each note once, as a warning.
+        """
         return ()
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cosim.result import metrics, plots
 from cosim.result.metrics import Array
 from cosim.result.result import Result
-from cosim.study import Measure, Numbers, Outcomes, Picture, Rule, Run, Value, read_study
+from cosim.study import Criterion, Measure, Numbers, Outcomes, Picture, Run, Value, read_study
 from cosim.study.pictures import Signals, over_time
 
 Window = tuple[float, float]
@@ -320,7 +320,7 @@ MEASURES: dict[str, Measure] = {
     "two_mass": least_reduction,
     "no_feedforward": without_feedforward,
 }
-RULES = {"doubled": Rule("at least doubled", lambda m, _: m["worst in drift"] >= 2.0 * m["steady friction"])}
+RULES = {"doubled": Criterion("at least doubled", lambda m, _: m["worst in drift"] >= 2.0 * m["steady friction"])}
 
 
 # Pictures

@@ -14,7 +14,7 @@ from cosim.design.identify import nct_from_signals
 from cosim.design.stability import limit_map, oscillation, read_map
 from cosim.result import metrics
 from cosim.result.result import Result
-from cosim.study import Numbers, Outcomes, Picture, Rule, Run, measures, read_study
+from cosim.study import Criterion, Numbers, Outcomes, Picture, Run, measures, read_study
 from cosim.study.pictures import Signals, over_time
 
 Window = tuple[float, float]
@@ -223,8 +223,8 @@ def limit_maps(_: Outcomes) -> Numbers:
 
 
 RULES = {
-    "grows": Rule("none more than 2 % above the one before, the last below half of the first", _falls),
-    "good_from_30": Rule(
+    "grows": Criterion("none more than 2 % above the one before, the last below half of the first", _falls),
+    "good_from_30": Criterion(
         "above 5 % at 10 %, below 5 % from 30 % on",
         lambda measured, _: all((value < 5.0) is (label != "10 %") for label, value in measured.items()),
     ),

@@ -10,7 +10,7 @@ import numpy as np
 from cosim.result import metrics, plots
 from cosim.result.metrics import Array
 from cosim.result.result import Result
-from cosim.study import Numbers, Outcomes, Picture, Rule, Run, Value, read_study
+from cosim.study import Criterion, Numbers, Outcomes, Picture, Run, Value, read_study
 from cosim.study.pictures import Signals, over_time
 
 Window = tuple[float, float]
@@ -148,7 +148,7 @@ MEASURES: dict[str, Callable[[Outcomes], Numbers]] = {
     "growth": growth,
 }
 RULES = {
-    "separated": Rule(
+    "separated": Criterion(
         "below 1 for the first, above 1 for the second", lambda m, _: min(m.values()) < 1.0 < max(m.values())
     )
 }

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.result import metrics, plots
 from cosim.result.result import Result
-from cosim.study import Numbers, Outcomes, Picture, Rule, Run, Value, measures, read_study
+from cosim.study import Criterion, Numbers, Outcomes, Picture, Run, Value, measures, read_study
 from cosim.study.pictures import ERROR, Signals, over_time
 from cosim.study.report import number
 
@@ -211,11 +211,11 @@ def fuzzy(outcomes: Outcomes) -> Numbers:
 
 
 RULES = {
-    "growth": Rule(
+    "growth": Criterion(
         "SMC and CSMC at least 2, FSMC at most 1.5",
         lambda m, _: min(m["SMC"], m["CSMC"]) >= 2.0 and m["FSMC"] <= 1.5,
     ),
-    "fsmc_grows_least": Rule("FSMC the smallest", lambda m, _: m["FSMC"] < min(m["SMC"], m["CSMC"])),
+    "fsmc_grows_least": Criterion("FSMC the smallest", lambda m, _: m["FSMC"] < min(m["SMC"], m["CSMC"])),
 }
 
 

@@ -48,11 +48,16 @@ def nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generato
     place.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(place))
     monkeypatch.setenv("TMPDIR", str(place))
+    before = set(psutil.Process().children(recursive=True))
     yield
     deadline = time.monotonic() + 10.0
-    while (left := [*place.glob("*"), *psutil.Process().children(recursive=True)]) and time.monotonic() < deadline:
+
+    def left() -> list[Path | psutil.Process]:
+        return [*place.glob("*"), *set(psutil.Process().children(recursive=True)) - before]
+
+    while left() and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not left
+    assert not left()
 
 
 def hostile(fmus: Path, how: str, *, at: float = 0.5) -> System:

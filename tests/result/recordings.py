@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.record.write import Column
+from cosim.record.description import Column
 from cosim.result.result import Message, Result
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 METADATA: Mapping[str, Any] = {
     "system": "stage.toml",
     "description": "A stage <b>on</b> a table",
-    "system_hash": "c0ffee" * 10,
+    "system_digest": "c0ffee" * 10,
     "start_time": 0.0,
     "stop_time": 1.0,
     "step_size": 1e-3,
@@ -31,7 +31,7 @@ METADATA: Mapping[str, Any] = {
         {"from": ["c", "command"], "to": ["p", "command"], "units": ["N.m", "N.m"], "factor": 1.0},
     ],
     "fmus": {
-        name: {"fmu": fmu, "sha256": name * 64, "fmi": 2, "version": "0.1", "description": f"{fmu} & more"}
+        name: {"fmu": fmu, "digest": name * 64, "fmi": 2, "version": "0.1", "description": f"{fmu} & more"}
         for name, fmu in (("t", "Trajectory"), ("c", "Fuzzy"), ("p", "Stage"))
     },
     "start_values": {

@@ -107,7 +107,7 @@ def ring(folder: Path, order: object) -> System:
 @pytest.mark.parametrize(("order", "late"), [(["a", "b"], "b.z -> a.u"), (["b", "a"], "a.z -> b.u")])
 def test_an_order_decides_who_is_late_in_a_loop(tmp_path: Path, order: list[str], late: str) -> None:
     system = ring(tmp_path, order)
-    assert system.visits == tuple(order)
+    assert system.evaluation_order == tuple(order)
     (note,) = system.notes
     assert note.startswith(f"connection {late}: one step of delay: ")
     assert np.isfinite(simulate(system).rows).all()

@@ -121,7 +121,7 @@ def _show(system: System, notes: list[str]) -> None:
         plus = "+ " if connection.added else ""
         noise = "" if connection.noise is None else f" (noise of {connection.noise.rms:g} rms)"
         console.print(f"  {plus}{escape(source)}{_transformation(connection)} -> {escape(target)}{units}{noise}")
-    how = "parallel, one step of delay" if system.parallel else ", ".join(system.visits)
+    how = "parallel, one step of delay" if system.parallel else ", ".join(system.evaluation_order)
     console.print(f"Order: {escape(how)}")
     console.print(
         f"{system.steps} steps of {system.step_size} s from {system.start_time} s to {system.stop_time} s, "
@@ -162,18 +162,18 @@ def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, A
         "signals": {
             signal.name: {
                 "file": str(signal.path),
-                "sha256": signal.digest,
+                "digest": signal.digest,
                 "samples": int(signal.resampler.time.size),
                 "columns": {name: variable.unit or "1" for name, variable in signal.variables.items()},
             }
             for signal in system.signals
         },
-        "order": "parallel" if system.parallel else list(system.visits),
+        "order": "parallel" if system.parallel else list(system.evaluation_order),
         "start_time": float(system.start_time),
         "stop_time": float(system.stop_time),
         "step_size": float(system.step_size),
         "steps": system.steps,
         "recorded": [".".join(entry) for entry in system.record],
         "decimation": system.decimation,
-        "system_hash": system.digest,
+        "system_digest": system.digest,
     }

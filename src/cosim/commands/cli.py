@@ -16,6 +16,7 @@ from ..master.signals import Ended, ending_by_exception
 from . import (
     build,
     check,
+    compare,
     export,
     fit,
     fmus,
@@ -35,7 +36,7 @@ from .console import log_on_standard_error, print_error
 from .surroundings import check_working_folder, explain, keep_to_one_thread, prepare_streams
 
 COMMANDS = (
-    *(run, check, export, info, list, fmus, study, verify, build),
+    *(run, compare, check, export, info, list, fmus, study, verify, build),
     *(sweep, identify, fit, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""

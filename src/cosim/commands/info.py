@@ -38,7 +38,7 @@ def _run(options: argparse.Namespace) -> int:
 
     fmu = read_fmu(find_fmu(options.fmu, options.fmus))
     console = standard_output()
-    console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.text)}")
+    console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.description)}")
     step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
     stop = f", stop {fmu.stop_time:g} s" if fmu.stop_time is not None else ""
     console.print(f"{escape(str(fmu.path))}; FMI {fmu.fmi}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
@@ -94,7 +94,7 @@ def _description(variable: Variable) -> str:
         facts.append(variable.type)
     if variable.causality == "parameter" and variable.variability == "tunable":
         facts.append("tunable")
-    return f"{variable.text} ({'; '.join(facts)})" if facts else variable.text
+    return f"{variable.description} ({'; '.join(facts)})" if facts else variable.description
 
 
 def _range(variable: Variable) -> str:

@@ -53,7 +53,7 @@ def _run(options: argparse.Namespace) -> int:
             continue
         more = f" (also for {', '.join(sorted(set(fmu.platforms) - common))})" if set(fmu.platforms) - common else ""
         obstacles = "".join(f" [red]Cannot run here: {escape(obstacle)}[/]" for obstacle in fmu.obstacles)
-        table.add_row(escape(path.stem), escape(fmu.version), size, escape(fmu.text + more) + obstacles)
+        table.add_row(escape(path.stem), escape(fmu.version), size, escape(fmu.description + more) + obstacles)
     console.print(table)
     systems = shipped_systems()
     console.print("[bold]Systems[/]" if systems else "No systems found.")

@@ -93,7 +93,8 @@ def _run(options: argparse.Namespace) -> int:
             _finish(interruption.result, options, record, begun, notes, interrupted=True)
             return 128 + interruption.number
         if trial is not None:
-            found = trial.findings(seconds=TRIAL_SECONDS).notes
+            said = _said(result)
+            found = [note for note in trial.findings(seconds=TRIAL_SECONDS).notes if note not in said]
             _show_notes(found, options)
             notes += found
         return _finish(result, options, record, begun, notes)
@@ -177,7 +178,7 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         if self._path is None:
             return
         if self._writer is None:
-            from ..master.run import result_columns, system_metadata
+            from ..master.metadata import result_columns, system_metadata
             from ..record.write import RecordWriter
 
             self._writer = RecordWriter(self._path, result_columns(self._system), system_metadata(self._system))
@@ -191,10 +192,9 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         """Complete the file. Raises FileError."""
         if self._writer is not None:
             late = ("steps", "warnings", "total_seconds", "stepping_seconds")
-            solver = {instance: dict(counts) for instance, counts in result.solver.items()}
             known = {name: result.metadata[name] for name in late}
             writer, self._writer = self._writer, None
-            writer.finish({**known, "partial": result.partial, "solver": solver})
+            writer.finish({**known, **result.ending()})
         elif self._path is not None:
             result.save(self._path)
 
@@ -297,7 +297,7 @@ def _finish(
     if options.json:
         content = {
             "system": facts["system"],
-            "system_hash": facts["system_hash"],
+            "system_digest": facts["system_digest"],
             "partial": result.partial,
             "steps": facts["steps"],
             "step_size": facts["step_size"],
@@ -312,7 +312,7 @@ def _finish(
                 {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
                 for row in figures
             ],
-            "notes": notes,
+            "notes": [*notes, *_said(result)],
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
             "report": None if options.report is None else str(options.report),
@@ -348,6 +348,11 @@ def _not_finite(wrong: Mapping[str, float]) -> str:
     shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
     more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
     return f"{shown}{more}. No figure is computed from these."
+
+
+def _said(result: Result) -> list[str]:
+    """The warnings of FMUs, in the words of ``cosim check``."""
+    return [f"{message.instance}: {message.text}" for message in result.messages if message.status == "Warning"]
 
 
 def _show_messages(result: Result, but: str = "") -> None:

@@ -36,7 +36,7 @@ def _sweep(options: argparse.Namespace) -> int:
     plan = sweeps.read_sweep(options.file, fmus=options.fmus)
     with Bar("Runs") as bar:
 
-        def advance(progress: sweeps.Progress) -> None:
+        def advance(progress: sweeps.SweepProgress) -> None:
             bar.update(progress.done, progress.total, f"{progress.failed} failed" if progress.failed else "")
 
         outcome = sweeps.sweep(

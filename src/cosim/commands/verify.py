@@ -14,7 +14,7 @@ from ..errors import DescriptionError
 from .console import Bar, fmus_argument, make_table, print_error, print_json, print_note, standard_output
 
 if TYPE_CHECKING:
-    from ..reference.replay import Outcome, Report
+    from ..reference.replay import Replay, Report
 
 
 def add(commands: Any) -> None:
@@ -125,7 +125,7 @@ def _show(reports: Sequence[Report]) -> None:
                 print_note(said + note)
 
 
-def _row(outcome: Outcome) -> tuple[str, ...]:
+def _row(outcome: Replay) -> tuple[str, ...]:
     """Experiment, signals, the worst of them, and its difference as a share of the tolerance."""
     worst = outcome.worst
     name = escape(outcome.experiment.name)

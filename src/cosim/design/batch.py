@@ -10,7 +10,7 @@ from functools import partial
 from ..errors import CosimError
 from ..result.result import Result
 from . import workers as work
-from .dataset import Row
+from .dataset import RunRow
 from .plan import Metric, Point, Sweep, measure
 from .workers import Limit, Loadable, LoadError, Worker, WorkerError
 
@@ -38,13 +38,13 @@ class Job:
 
 def run_batch(
     job: Job, numbers: Sequence[int], points: Sequence[Point], worker: Worker | None = None, limit: Limit | None = None
-) -> list[Row]:
+) -> list[RunRow]:
     """Carry out some runs, in this process or by ``worker``; one that fails gives a row with its error.
 
     ``limit`` learns how long runs take. Raises DescriptionError or LoadError if the system as such cannot be run here.
     """
     limit = limit if limit is not None else Limit(job.timeout)
-    rows: list[Row] = []
+    rows: list[RunRow] = []
     for number, point in zip(numbers, points, strict=True):
         values = dict(zip(job.parameters, point, strict=True))
         found: Mapping[str, float] = {}
@@ -64,5 +64,5 @@ def run_batch(
         seconds = clock_time.perf_counter() - begun if worker is None else worker.seconds
         if ended:
             limit.learn(seconds)
-        rows.append(Row(number, point, found, seconds, error))
+        rows.append(RunRow(number, point, found, seconds, error))
     return rows

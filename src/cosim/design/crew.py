@@ -14,7 +14,7 @@ from typing import Any, Protocol, Self, cast
 
 from ..errors import CosimError, DescriptionError
 from .batch import Job, run_batch
-from .dataset import Row
+from .dataset import RunRow
 from .plan import Point
 from .workers import Limit, Workers
 
@@ -39,11 +39,11 @@ class Crew(Protocol):
     count: int
     """How many batches are done side by side."""
 
-    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[Row]]:
+    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[RunRow]]:
         """Have a batch done; ``limit`` is that of a run."""
         ...
 
-    def rows(self, future: Future[list[Row]]) -> list[Row]:
+    def rows(self, future: Future[list[RunRow]]) -> list[RunRow]:
         """What came back. Raises BatchLost, or what the batch raised."""
         ...
 
@@ -69,14 +69,14 @@ class Threads:
         self._workers.stop()
         self._pool.shutdown(wait=True)
 
-    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[Row]]:
+    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[RunRow]]:
         """Have a batch done."""
         return self._pool.submit(self._batch, job, batch, points, limit)
 
-    def _batch(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> list[Row]:
+    def _batch(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> list[RunRow]:
         return run_batch(job, batch, points, self._workers.mine(), limit)
 
-    def rows(self, future: Future[list[Row]]) -> list[Row]:
+    def rows(self, future: Future[list[RunRow]]) -> list[RunRow]:
         """What came back."""
         return future.result()
 
@@ -120,14 +120,14 @@ class Cluster:
         for logger, level in self._levels.items():
             logger.setLevel(level)
 
-    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[Row]]:
+    def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[RunRow]]:
         """Have a batch done."""
         try:
             return self._executor.submit(cluster_batch, job, list(batch), list(points), limit.longest)
         except Exception as error:
             raise self._gone() from error
 
-    def rows(self, future: Future[list[Row]]) -> list[Row]:
+    def rows(self, future: Future[list[RunRow]]) -> list[RunRow]:
         """What came back."""
         from distributed.scheduler import KilledWorker as _KilledWorker
 
@@ -167,7 +167,7 @@ _workers = Workers()
 atexit.register(_workers.stop)
 
 
-def cluster_batch(job: Job, batch: Sequence[int], points: Sequence[Point], longest: float) -> list[Row]:
+def cluster_batch(job: Job, batch: Sequence[int], points: Sequence[Point], longest: float) -> list[RunRow]:
     """Do a batch in a process of a cluster; ``longest`` is the time of the longest run so far, NaN if there is none."""
     limit = _limits.setdefault(job.system.digest, Limit(job.timeout))
     limit.given = job.timeout

@@ -22,7 +22,7 @@ DIGEST = b"cosim.sweep"
 
 
 @dataclass(frozen=True)
-class Row:
+class RunRow:
     """One run as it is recorded."""
 
     run: int
@@ -99,7 +99,7 @@ class DataSet:
             "name": sweep.name,
             "description": sweep.description,
             "system": sweep.system.name,
-            "system_hash": sweep.system.digest,
+            "system_digest": sweep.system.digest,
             "method": sweep.method,
             "parameters": list(sweep.parameters),
             "units": {path: sweep.system.variable(*path.split(".", 1)).unit or "1" for path in sweep.parameters},
@@ -149,7 +149,7 @@ class DataSet:
         metadata = cast("dict[bytes, bytes]", table.schema.metadata or {})
         return metadata.get(DIGEST, b"").decode()
 
-    def write(self, sweep: Sweep, rows: Sequence[Row]) -> None:
+    def write(self, sweep: Sweep, rows: Sequence[RunRow]) -> None:
         """Add a file with ``rows``, complete or not at all. Raises FileError."""
         import pyarrow
 

@@ -43,7 +43,7 @@ from pathlib import Path
 from ..errors import DescriptionError
 from .batch import Job, run_batch
 from .crew import BatchLost, Cluster, Crew, Threads
-from .dataset import DataSet, Row
+from .dataset import DataSet, RunRow
 from .plan import Sweep, read_sweep
 from .workers import Limit, unload
 
@@ -60,7 +60,7 @@ WATCH_SECONDS = 1.0
 
 
 @dataclass
-class Progress:
+class SweepProgress:
     """How far a sweep is."""
 
     total: int
@@ -82,7 +82,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SweepEnd:
     """What a sweep left behind."""
 
     folder: Path
@@ -107,8 +107,8 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     restart: bool = False,
-    progress: Callable[[Progress], None] = lambda progress: None,
-) -> Outcome:
+    progress: Callable[[SweepProgress], None] = lambda progress: None,
+) -> SweepEnd:
     """Carry out the runs of a sweep that its data set in ``output`` does not hold yet::
 
         outcome = sweep("gains.toml", "results/gains", workers=2)
@@ -127,10 +127,10 @@ def sweep(
         held = data.open(plan, restart=restart)
         missing = [number for number in range(len(plan.points)) if number not in held]
         begun = clock_time.perf_counter()
-        state = Progress(len(plan.points), len(held), begun=begun, before=len(held))
+        state = SweepProgress(len(plan.points), len(held), begun=begun, before=len(held))
         used = 1
 
-        def keep(rows: Sequence[Row]) -> None:
+        def keep(rows: Sequence[RunRow]) -> None:
             data.write(plan, rows)
             state.done += len(rows)
             state.failed += sum(bool(row.error) for row in rows)
@@ -146,7 +146,7 @@ def sweep(
                 _run_elsewhere(plan, missing, keep, crew)
         table = data.read()
     errors: list[str | None] = table.column("error").to_pylist() if "error" in table.column_names else []
-    return Outcome(
+    return SweepEnd(
         folder,
         table.num_rows,
         state.done - state.before,
@@ -167,7 +167,7 @@ class _Batches:
         self.size = 1
         self.workers = workers
 
-    def learn(self, rows: Sequence[Row]) -> None:
+    def learn(self, rows: Sequence[RunRow]) -> None:
         mean = sum(row.seconds for row in rows) / len(rows)
         wanted = int(BATCH_SECONDS / max(mean, 1e-6))
         self.size = max(1, min(wanted, 4 * self.size + 1, MAX_BATCH))
@@ -180,7 +180,7 @@ class _Batches:
         return batch
 
 
-def _run_here(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[Row]], None]) -> None:
+def _run_here(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[RunRow]], None]) -> None:
     job, batches = Job.of(plan), _Batches(missing, 1)
     try:
         while batch := batches.next():
@@ -191,10 +191,10 @@ def _run_here(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[Row]
         unload()
 
 
-def _run_elsewhere(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[Row]], None], crew: Crew) -> None:
+def _run_elsewhere(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[RunRow]], None], crew: Crew) -> None:
     """Runs by the workers of ``crew``; each batch is kept as it comes back."""
     job, batches, limit = Job.of(plan), _Batches(missing, crew.count), Limit(plan.timeout)
-    pending: dict[Future[list[Row]], Sequence[int]] = {}
+    pending: dict[Future[list[RunRow]], Sequence[int]] = {}
     # Which run of a batch made its worker die? Alone it shows.
     alone: deque[list[int]] = deque()
     deaths: dict[int, int] = {}
@@ -214,7 +214,7 @@ def _run_elsewhere(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence
                     if deaths[number] < DEATHS:
                         alone.append([number])
                     else:
-                        keep([Row(number, plan.points[number], {}, math.nan, str(lost))])
+                        keep([RunRow(number, plan.points[number], {}, math.nan, str(lost))])
             else:
                 batches.learn(rows)
                 keep(rows)

@@ -110,7 +110,7 @@ def _arguments(base: type[Component], method: str) -> str:
 
 def _declarations(kind: type[Component], owner: type[Component] | type[Record]) -> Iterator[str]:
     label = kind.__name__ if owner is kind else f"{kind.__name__}.{owner.__name__}"
-    reserved = {"experiment", "initial", "rules", "derivative", "output", "update", "State", "Input", "Output"}
+    reserved = {"experiment", "initial", "rules", "notes", "derivative", "output", "update", "State", "Input", "Output"}
     bare = [item for item in fields(cast(Any, owner)) if item.default is MISSING or "unit" not in item.metadata]
     for item in bare:
         at = f"{of_declaration(owner, item.name)}: {label}.{item.name}"
@@ -140,11 +140,11 @@ def _types(declaration: Declaration, owner: type[Any], kind: type[Component]) ->
         yield "a Choice can only be a parameter. Write a number, and compare it in the equations."
     elif owner is kind.State and issubclass(kind, Plant) and not declaration.discrete and not _real(start):
         yield f"start {start!r} is no float, and the state is integrated. Write a float, or discrete=True."
-    for name in ("unit", "text"):
+    for name in ("unit", "description"):
         if not isinstance(getattr(declaration, name), str):
-            yield f"{name} {getattr(declaration, name)!r} is no text. The order is start, unit, text."
-    if not declaration.text or not str(declaration.text).strip():
-        yield "no text. Say what it means in a few words."
+            yield f"{name} {getattr(declaration, name)!r} is no text. The order is start, unit, description."
+    if not declaration.description or not str(declaration.description).strip():
+        yield "no description. Say what it means in a few words."
     for name in ("min", "max", "nominal"):
         value = getattr(declaration, name)
         if isinstance(value, bool) or not isinstance(value, plain) or math.isnan(value):
@@ -232,7 +232,7 @@ def _names(kind: type[Component]) -> Iterator[str]:
 
 def _purity(kind: type[Component]) -> Iterator[str]:
     """Equations that use clocks, files, random numbers or output."""
-    for method in ("initial", "rules", "derivative", "output", "update"):
+    for method in ("initial", "rules", "notes", "derivative", "output", "update"):
         function = getattr(kind, method, None)
         if isinstance(function, FunctionType) and of_author(function.__code__.co_filename):
             for used in sorted(set(_used(function, set()))):

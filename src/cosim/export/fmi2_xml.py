@@ -12,7 +12,7 @@ from ..fmu.xml import document
 from ..model import Choice, Component, Plant
 from ..units import BASE_UNITS, parse_unit
 from .contract import Fmi, categories
-from .interface import Variable, variables_of
+from .interface import InterfaceVariable, variables_of
 from .source_files import is_of_library
 from .trace import Trace
 
@@ -115,7 +115,7 @@ def model_description(trace: Trace, guid: str, version: str, *, sources: Sequenc
     return document(root)
 
 
-def add_experiment(root: Element, kind: type[Component], variables: Sequence[Variable], fmi: Fmi) -> None:
+def add_experiment(root: Element, kind: type[Component], variables: Sequence[InterfaceVariable], fmi: Fmi) -> None:
     """Add LogCategories and DefaultExperiment, which have the same form in FMI 2.0 and 3.0."""
     listed = SubElement(root, "LogCategories")
     for name, text in categories(fmi).items():
@@ -132,7 +132,7 @@ def add_experiment(root: Element, kind: type[Component], variables: Sequence[Var
         experiment.set("tolerance", number(tolerance))
 
 
-def add_units(root: Element, variables: Sequence[Variable]) -> None:
+def add_units(root: Element, variables: Sequence[InterfaceVariable]) -> None:
     """Add UnitDefinitions, which are the same in FMI 2.0 and 3.0."""
     definitions = SubElement(root, "UnitDefinitions")
     reals = [v for v in variables if v.type == "Real"]
@@ -156,14 +156,14 @@ def _clean(factor: float) -> float:
     return float(f"{factor:.15g}")
 
 
-def used_types(variables: Sequence[Variable]) -> tuple[list[str], list[type[Choice]]]:
+def used_types(variables: Sequence[InterfaceVariable]) -> tuple[list[str], list[type[Choice]]]:
     """The units that make a type of their quantity, and the enumerations, each in the order of TypeDefinitions."""
     units = sorted({v.unit for v in variables if v.type == "Real" and v.unit in QUANTITIES}, key=QUANTITIES.__getitem__)
     choices = {v.choice.__name__: v.choice for v in variables if v.choice}
     return units, [choices[name] for name in sorted(choices)]
 
 
-def _types(root: Element, variables: Sequence[Variable]) -> None:
+def _types(root: Element, variables: Sequence[InterfaceVariable]) -> None:
     units, choices = used_types(variables)
     if not units and not choices:
         return
@@ -179,10 +179,10 @@ def _types(root: Element, variables: Sequence[Variable]) -> None:
 def add_items(parent: Element, choice: type[Choice]) -> None:
     """Add the items of an enumeration."""
     for item in choice:
-        SubElement(parent, "Item", name=item.name, value=str(item.number), description=item.text)
+        SubElement(parent, "Item", name=item.name, value=str(item.number), description=item.description)
 
 
-def classes(variable: Variable) -> tuple[str, str, str | None]:
+def classes(variable: InterfaceVariable) -> tuple[str, str, str | None]:
     """Causality, variability and ``initial`` of a variable."""
     return {
         "fixed": ("parameter", "fixed", "exact"),
@@ -196,13 +196,13 @@ def classes(variable: Variable) -> tuple[str, str, str | None]:
     }[variable.role]
 
 
-def _scalar_variable(variable: Variable) -> Element:
+def _scalar_variable(variable: InterfaceVariable) -> Element:
     causality, variability, initial = classes(variable)
     element = Element(
         "ScalarVariable",
         name=variable.name,
         valueReference=str(variable.reference),
-        description=variable.text,
+        description=variable.description,
         causality=causality,
         variability=variability,
     )
@@ -228,14 +228,14 @@ def _scalar_variable(variable: Variable) -> Element:
     return element
 
 
-def set_whole_bounds(value: Element, variable: Variable) -> None:
+def set_whole_bounds(value: Element, variable: InterfaceVariable) -> None:
     """Set the bounds of a whole number as attributes."""
     for name, bound in (("min", variable.min), ("max", variable.max)):
         if math.isfinite(bound):
             value.set(name, str(int(bound)))
 
 
-def set_real_attributes(value: Element, variable: Variable) -> None:
+def set_real_attributes(value: Element, variable: InterfaceVariable) -> None:
     """Set type, unit, bounds and nominal of a Real (Float64 in FMI 3.0) as attributes."""
     if variable.unit in QUANTITIES:
         value.set("declaredType", QUANTITIES[variable.unit])

@@ -19,7 +19,7 @@ from .fmi2_xml import (
     set_whole_bounds,
     used_types,
 )
-from .interface import Variable, fmi3_variables
+from .interface import InterfaceVariable, fmi3_variables
 from .trace import Trace
 
 
@@ -69,7 +69,7 @@ def model_description3(trace: Trace, token: str, version: str) -> bytes:
     return document(root)
 
 
-def _variable(group: tuple[Variable, ...]) -> Element:
+def _variable(group: tuple[InterfaceVariable, ...]) -> Element:
     variable = group[0]
     tag = {"Real": "Float64", "Integer": "Int32"}.get(variable.type, variable.type)
     causality, variability, initial = classes(variable)
@@ -77,7 +77,7 @@ def _variable(group: tuple[Variable, ...]) -> Element:
         "UInt64" if variable.role == "counter" else tag,
         name=variable.array if len(group) > 1 and variable.array else variable.name,
         valueReference=str(variable.reference),
-        description=variable.text,
+        description=variable.description,
         causality=causality,
         variability=variability,
     )
@@ -99,7 +99,7 @@ def _variable(group: tuple[Variable, ...]) -> Element:
     return element
 
 
-def _start(variable: Variable) -> str:
+def _start(variable: InterfaceVariable) -> str:
     if variable.type == "Real":
         return number(variable.start)
     return str(bool(variable.start)).lower() if variable.type == "Boolean" else str(int(variable.start))

@@ -86,7 +86,7 @@ def gap_rules(kind: type[Component]) -> tuple[Gap, ...]:
 
 
 @dataclass(frozen=True)
-class Variable:
+class InterfaceVariable:
     """A scalar variable; ``reference`` is its value reference, ``start`` is numeric (enumerations by number)."""
 
     reference: int
@@ -95,7 +95,7 @@ class Variable:
     type: Type
     start: float
     unit: str
-    text: str
+    description: str
     min: float = -math.inf
     max: float = math.inf
     nominal: float = 1.0
@@ -108,9 +108,9 @@ class Variable:
     """Name of the array this one is an element of."""
 
 
-def variables_of(kind: type[Component]) -> tuple[Variable, ...]:
+def variables_of(kind: type[Component]) -> tuple[InterfaceVariable, ...]:
     """All variables: parameters, inputs, states, outputs, derivatives, solver counters."""
-    found: list[Variable] = []
+    found: list[InterfaceVariable] = []
     sampled = issubclass(kind, Controller)
     parameters, inputs, outputs = scalars(kind), scalars(kind.Input), scalars(kind.Output)
     states, n_continuous = ordered_states(kind)
@@ -127,14 +127,14 @@ def variables_of(kind: type[Component]) -> tuple[Variable, ...]:
         elif isinstance(declaration.start, int):
             typed = "Integer"
         found.append(
-            Variable(
+            InterfaceVariable(
                 reference=len(found),
                 name=scalar.name,
                 role=role,
                 type=typed,
                 start=choice_number(start),
                 unit=declaration.unit,
-                text=declaration.text,
+                description=declaration.description,
                 min=low,
                 max=high,
                 nominal=declaration.nominal,
@@ -159,37 +159,39 @@ def variables_of(kind: type[Component]) -> tuple[Variable, ...]:
     for i in range(n_continuous):
         state = found[first_state + i]
         found.append(
-            Variable(
+            InterfaceVariable(
                 reference=len(found),
                 name=f"der({state.name})",
                 role="derivative",
                 type="Real",
                 start=0.0,
                 unit=derivative_unit(state.unit),
-                text=f"Time derivative of {state.name}",
+                description=f"Time derivative of {state.name}",
                 state=state.reference,
             )
         )
     if issubclass(kind, Plant):
         for name, text in COUNTERS:
-            found.append(Variable(len(found), name, "counter", "Integer", 0.0, "1", text, min=0.0, continuous=False))
+            found.append(
+                InterfaceVariable(len(found), name, "counter", "Integer", 0.0, "1", text, min=0.0, continuous=False)
+            )
     return tuple(found)
 
 
-def fmi3_variables(kind: type[Component]) -> tuple[tuple[Variable, ...], ...]:
+def fmi3_variables(kind: type[Component]) -> tuple[tuple[InterfaceVariable, ...], ...]:
     """The variables of an FMI 3.0 FMU, each with its elements: parameter arrays are whole, and time comes last.
 
     A value reference is that of the first element.
     """
     flat = variables_of(kind)
-    found: list[list[Variable]] = []
+    found: list[list[InterfaceVariable]] = []
     for variable in flat:
         whole = variable.array is not None and variable.role in ("fixed", "tunable")
         if whole and found and found[-1][0].array == variable.array:
             found[-1].append(variable)
         else:
             found.append([variable])
-    return (*map(tuple, found), (Variable(len(flat), "time", "independent", "Real", 0.0, "s", "Time"),))
+    return (*map(tuple, found), (InterfaceVariable(len(flat), "time", "independent", "Real", 0.0, "s", "Time"),))
 
 
 def derivative_unit(unit: str) -> str:
@@ -207,7 +209,7 @@ def derivative_unit(unit: str) -> str:
     return known.get(unit, f"({unit})/s")
 
 
-def reference_of(kind: type[Component], variables: tuple[Variable, ...], name: str) -> int:
+def reference_of(kind: type[Component], variables: tuple[InterfaceVariable, ...], name: str) -> int:
     """The value reference of a variable by name; the component is named if there is none."""
     for variable in variables:
         if variable.name == name:

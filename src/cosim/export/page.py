@@ -21,7 +21,7 @@ from ..units import conversion
 from .assets import EXTRA, GUIDE, ICON, ICONS, PICTURE, asset_files, measured
 from .contract import Fmi
 from .fmi2_xml import summary
-from .interface import Variable, variables_of
+from .interface import InterfaceVariable, variables_of
 from .source_files import component_origin
 from .trace import Trace
 
@@ -62,6 +62,7 @@ def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi =
         outputs=_outputs(trace, variables),
         states=ports("State", "state"),
         counters=ports("Solver counter", "counter"),
+        notes=[(note.name, _words(note.limit_name), _unit(note.unit), _words(note.text)) for note in trace.notes],
         sampled=issubclass(kind, Controller),
         integrated=issubclass(kind, Plant),
         validation=facts,
@@ -105,14 +106,14 @@ def _words(text: str) -> Any:
 # ---- variables ----
 
 
-def _parameters(variables: Sequence[Variable]) -> list[Sequence[Any]]:
+def _parameters(variables: Sequence[InterfaceVariable]) -> list[Sequence[Any]]:
     rows: list[Sequence[Any]] = []
     for group in _arrays(variables):
         first = group[0]
-        meaning = first.text + (" (tunable)" if first.role == "tunable" else "")
+        meaning = first.description + (" (tunable)" if first.role == "tunable" else "")
         if first.choice:
             start = next(item.name for item in first.choice if item.number == first.start)
-            meaning += ": " + "; ".join(f"{item.name} = {item.text}" for item in first.choice)
+            meaning += ": " + "; ".join(f"{item.name} = {item.description}" for item in first.choice)
         elif first.type == "Boolean":
             start = "true" if first.start else "false"
         else:
@@ -123,18 +124,18 @@ def _parameters(variables: Sequence[Variable]) -> list[Sequence[Any]]:
     return rows
 
 
-def _ports(title: str, variables: Sequence[Variable]) -> dict[str, Any]:
+def _ports(title: str, variables: Sequence[InterfaceVariable]) -> dict[str, Any]:
     """Heads and rows of a table of variables; units in which they are shown only where there is one."""
     shown = any(v.display_unit for v in variables)
     heads = (title, "Unit", *(("Shown in",) if shown else ()), "Meaning")
     rows = [
-        (_name(g), _unit(g[0].unit), *((_unit(g[0].display_unit or ""),) if shown else ()), _words(g[0].text))
+        (_name(g), _unit(g[0].unit), *((_unit(g[0].display_unit or ""),) if shown else ()), _words(g[0].description))
         for g in _arrays(variables)
     ]
     return {"heads": heads, "rows": rows}
 
 
-def _outputs(trace: Trace, variables: Sequence[Variable]) -> list[Sequence[Any]]:
+def _outputs(trace: Trace, variables: Sequence[InterfaceVariable]) -> list[Sequence[Any]]:
     """Outputs with the inputs on which they depend directly."""
     inputs = [v.name for v in variables if v.role == "input"]
     outputs = [v for v in variables if v.role == "output"]
@@ -145,16 +146,16 @@ def _outputs(trace: Trace, variables: Sequence[Variable]) -> list[Sequence[Any]]
         known = [markup.Markup("<code>{}</code>").format(name) for name in direct[first.name]]
         listed = markup.Markup(", ").join(known) or "none"
         shown = _unit(first.display_unit or "")
-        rows.append((_name(group), _unit(first.unit), shown, listed, _words(first.text)))
+        rows.append((_name(group), _unit(first.unit), shown, listed, _words(first.description)))
     return rows
 
 
-def _arrays(variables: Iterable[Variable]) -> list[list[Variable]]:
+def _arrays(variables: Iterable[InterfaceVariable]) -> list[list[InterfaceVariable]]:
     """Variables one by one, the elements of an array together."""
     return [list(group) for _, group in groupby(variables, lambda variable: variable.array or variable.name)]
 
 
-def _name(group: Sequence[Variable]) -> str:
+def _name(group: Sequence[InterfaceVariable]) -> str:
     return f"{group[0].array}[1 ... {len(group)}]" if len(group) > 1 else group[0].name
 
 
@@ -163,7 +164,7 @@ def _span(values: Sequence[float]) -> str:
     return low if low == high else f"{low} ... {high}"
 
 
-def _shown(values: Sequence[float], variable: Variable) -> Any:
+def _shown(values: Sequence[float], variable: InterfaceVariable) -> Any:
     """Start values in the display unit."""
     if variable.display_unit is None or variable.display_unit == variable.unit:
         return ""
@@ -171,7 +172,7 @@ def _shown(values: Sequence[float], variable: Variable) -> Any:
     return markup.Markup("{} {}").format(_span([value * factor for value in values]), _unit(variable.display_unit))
 
 
-def _bounds(variable: Variable) -> Any:
+def _bounds(variable: InterfaceVariable) -> Any:
     low = f"{variable.min:.6g}" if math.isfinite(variable.min) else ""
     high = f"{variable.max:.6g}" if math.isfinite(variable.max) else ""
     if low and high:

@@ -54,7 +54,7 @@ class Terminal:
     """A group of inputs or outputs: member name -> name of the variable."""
 
     name: str
-    text: str
+    description: str
     members: dict[str, str] = field(default_factory=dict[str, str])
 
 
@@ -85,7 +85,7 @@ def terminals_and_icons(kind: type[Component]) -> bytes:
             name=terminal.name,
             matchingRule="bus",
             terminalKind=f"org.motion-cosim.{terminal.name}",
-            description=terminal.text,
+            description=terminal.description,
         )
         for member, variable in terminal.members.items():
             SubElement(

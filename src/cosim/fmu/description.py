@@ -62,7 +62,7 @@ class Fmu:
     name: str
     identifier: str
     guid: str
-    text: str
+    description: str
     version: str
     tool: str
     digest: str
@@ -215,7 +215,7 @@ def _describe(  # noqa: PLR0917
         name=str(model.modelName),
         identifier=identifier,
         guid=str(model.guid),
-        text=str(model.description or ""),
+        description=str(model.description or ""),
         version=str(model.version or ""),
         tool=str(model.generationTool or ""),
         digest=digest,

@@ -47,7 +47,7 @@ class Variable:
     start_text: str | None
     min: float | None
     max: float | None
-    text: str
+    description: str
     items: Mapping[str, int]
     """Names and values of an Enumeration, empty for other types."""
     derivative_of: str | None = None
@@ -159,7 +159,7 @@ def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]
             start_text=start,
             min=low,
             max=high,
-            text=v.description or "",
+            description=v.description or "",
             items=MappingProxyType(items),
             derivative_of=None if v.derivative is None else f"{v.derivative.name}{suffix}",
             whole=whole,

@@ -43,7 +43,7 @@ THREAD_SECONDS = 0.1
 
 
 @dataclass(frozen=True)
-class Job:
+class Assignment:
     """What the process is to do."""
 
     folder: Path
@@ -56,7 +56,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Ending:
     """How a run ended: with ``solver`` counters, or with an error, of which class, text and attributes travel."""
 
     seconds: float
@@ -86,7 +86,7 @@ class Channel:
                 view = view[os.write(self._number, view) :]
 
 
-def serve(system: System | Callable[[], System], job: Job, memory: mmap.mmap, channel: Channel) -> None:
+def serve(system: System | Callable[[], System], job: Assignment, memory: mmap.mmap, channel: Channel) -> None:
     """Run ``system`` and tell what came out. Does not return."""
     code = 1
     try:
@@ -103,13 +103,13 @@ def serve(system: System | Callable[[], System], job: Job, memory: mmap.mmap, ch
         board.flags[FINISHED] = 1
         code = 0
     except BaseException:
-        channel.send(Outcome(0.0, 0, {}, bug=traceback.format_exc()))
+        channel.send(Ending(0.0, 0, {}, bug=traceback.format_exc()))
     finally:
         # No handler of the process from which this one was forked may run here.
         os._exit(code)
 
 
-def _run(system: System | Callable[[], System], job: Job, board: Board, channel: Channel) -> None:
+def _run(system: System | Callable[[], System], job: Assignment, board: Board, channel: Channel) -> None:
     """Run from loading to freeing; what came out is sent before the FMUs are freed, which may go wrong, too."""
     try:
         if not isinstance(system, System):
@@ -118,24 +118,24 @@ def _run(system: System | Callable[[], System], job: Job, board: Board, channel:
             program = make_program(system, instances)
             channel.send(_outcome(Run(system, instances, program, board=board, check=not job.keep_going)))
     except CosimError as error:
-        channel.send(Outcome(0.0, 0, {}, error=(type(error), error.args, vars(error))))
+        channel.send(Ending(0.0, 0, {}, error=(type(error), error.args, vars(error))))
     except OSError as error:
         text = f"{error.filename or job.folder}: {reason(error)}."
-        channel.send(Outcome(0.0, 0, {}, error=(FileError, (text,), {})))
+        channel.send(Ending(0.0, 0, {}, error=(FileError, (text,), {})))
 
 
-def _outcome(run: Run) -> Outcome:
+def _outcome(run: Run) -> Ending:
     """How the run ends. The rows are in shared memory, the messages have been sent."""
     try:
-        result = run.go(None, Presses())
-        return Outcome(_seconds(result), result.dropped_messages, result.solver, ended=run.ended)
+        result = run.run(None, Presses())
+        return Ending(_seconds(result), result.dropped_messages, result.solver, ended=run.ended)
     except Interrupted as interruption:
         result = interruption.result
-        return Outcome(_seconds(result), result.dropped_messages, result.solver, stopped=True)
+        return Ending(_seconds(result), result.dropped_messages, result.solver, stopped=True)
     except RunError as error:
         result, error.result = error.result, None
         dropped = 0 if result is None else result.dropped_messages
-        return Outcome(_seconds(result), dropped, {}, error=(type(error), error.args, vars(error)))
+        return Ending(_seconds(result), dropped, {}, error=(type(error), error.args, vars(error)))
 
 
 def _seconds(result: Result | None) -> float:
@@ -197,7 +197,7 @@ def started() -> None:
     os.dup2(nothing, 0)
     os.close(nothing)
     arguments: tuple[Mapping[str, Any], str, Path, Path | None] = given["system"]
-    job: Job = given["job"]
+    job: Assignment = given["job"]
     with open(given["memory"], "r+b") as file:
         memory = mmap.mmap(file.fileno(), 0)
     if hasattr(os, "setpgid"):

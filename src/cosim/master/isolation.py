@@ -23,7 +23,7 @@ from ..result.result import Message, Result
 from ..system.system import System
 from . import loop
 from .board import DRAINED, FINISHED, IN_CALL, IN_LOOP, STEPPING, STOP, Board
-from .child import Job, Outcome
+from .child import Assignment, Ending
 from .instance import MAX_TEXT, CallError, RunError, log_message
 from .process import FmuProcess, fork_process, may_fork, shared_memory, signal_text, start_process
 from .run import Interrupted, Progress, check_memory, make_result, row_times
@@ -101,7 +101,7 @@ def simulate_isolated(
         check_memory(system, rows)
     fork = may_fork() if fork is None else fork
     with temporary_folder() as folder:
-        job = Job(folder, debug, keep_going, columns, capacity, windows)
+        job = Assignment(folder, debug, keep_going, columns, capacity, windows)
         every = 1 if windows == 1 or most_bytes is None else -(-size // most_bytes)
         with shared_memory(folder, Board.size(columns, capacity, windows), shared_file=not fork) as (memory, file):
             board = Board(memoryview(memory), columns, capacity, windows)
@@ -134,10 +134,10 @@ class _Watch:
         self.sink = sink
         self.every = every
         self.started = clock_time.perf_counter()
-        self.came: queue.SimpleQueue[Message | Outcome | None] = queue.SimpleQueue()
+        self.came: queue.SimpleQueue[Message | Ending | None] = queue.SimpleQueue()
         self.messages: list[Message] = []
         self.dropped = 0
-        self.outcome: Outcome | None = None
+        self.outcome: Ending | None = None
         self.timed_out = False
         self.failed: FileError | None = None
         self.taken = 0
@@ -186,11 +186,11 @@ class _Watch:
             if killed or self.overdue(now):
                 return
 
-    def take(self, item: Message | Outcome | None) -> None:
+    def take(self, item: Message | Ending | None) -> None:
         if isinstance(item, Message):
             self.messages.append(item)
             log_message(item)
-        elif isinstance(item, Outcome):
+        elif isinstance(item, Ending):
             self.outcome = item
         elif item is None:
             # The end of a pipe: the process is about to end.

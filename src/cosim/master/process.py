@@ -19,7 +19,7 @@ from ..errors import FileError
 from ..files import cannot_write
 from ..system.system import System
 from . import child
-from .child import Channel, Job
+from .child import Assignment, Channel
 
 
 class FmuProcess:
@@ -111,7 +111,7 @@ def shared_memory(folder: Path, size: int, *, shared_file: bool) -> Generator[tu
     yield memory, path
 
 
-def fork_process(system: System, job: Job, memory: mmap.mmap) -> FmuProcess:
+def fork_process(system: System, job: Assignment, memory: mmap.mmap) -> FmuProcess:
     """Do ``job`` in a copy of this process: what is loaded here need not be loaded again."""
     channel, channel_end = os.pipe()
     printed, printed_end = os.pipe()
@@ -152,7 +152,7 @@ _PROGRAM = (
 )
 
 
-def start_process(system: System, job: Job, memory: Path) -> FmuProcess:
+def start_process(system: System, job: Assignment, memory: Path) -> FmuProcess:
     """Do ``job`` in a new Python; ``memory`` is a file. Raises FileError if that cannot be started."""
     given = {
         "system": (system.document, system.name, system.folder.resolve(), system.fmus and system.fmus.resolve()),

@@ -19,7 +19,11 @@ from .tables import Tables, table_slots
 
 def same_program(one: System, other: System) -> bool:
     """Whether two variants of a system differ in nothing that a program holds."""
-    same = one.connections == other.connections and one.record == other.record and one.visits == other.visits
+    same = (
+        one.connections == other.connections
+        and one.record == other.record
+        and one.evaluation_order == other.evaluation_order
+    )
     same = same and one.signals == other.signals
     multiples = [(i.name, i.step_multiple) for i in one.instances] == [
         (i.name, i.step_multiple) for i in other.instances
@@ -190,7 +194,7 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
     fed = {connection.target for connection in system.connections}
     point = _table_rows(signals)
     initial: list[loop.Row] = []
-    for name in system.visits:
+    for name in system.evaluation_order:
         instance = system.instance(name)
         read = [variable.name for (other, _), group in signals.outputs.items() if other == name for variable in group]
         direct = any((name, i) in fed for output in read for i in instance.fmu.dependencies.get(output, ()))

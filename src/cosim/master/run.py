@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-import platform
 import signal
 import time as clock_time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..fmu.variables import Value, Variable
-from ..record.write import Column
 from ..result.result import Message, Result
 from ..system.parts import Connection
 from ..system.system import System
 from ..system.values import is_numeric
 from . import loop, loop_plain
 from .board import IN_LOOP, STEPPING, STOP, Board
-from .instance import STATUS, FmuInstance, Log, RunError, fmpy
+from .instance import STATUS, FmuInstance, Log, RunError
+from .metadata import result_columns, system_metadata
 from .program import Program
 from .signals import Ended, Presses
 from .tables import POINTS
@@ -119,9 +114,9 @@ class Run:
     def time(self) -> float:
         return float(self.clock[0] + self.state[loop.POINT] * self.clock[1])
 
-    def go(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
+    def run(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
         """From initialization to termination; or to point ``end``, which is left to whoever goes on."""
-        self.watch()
+        self.begin_log()
         try:
             self.initialize()
             stopped = self.step(progress, interrupted, end)
@@ -137,11 +132,11 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def go_on(
+    def resume(
         self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Presses
     ) -> Result:
         """From a restored checkpoint to the end. The instances are left there: their state is set or reset next."""
-        self.watch()
+        self.begin_log()
         try:
             for number, variable, value in changes:
                 self.slaves[number].set(variable, value)
@@ -155,7 +150,7 @@ class Run:
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
-    def watch(self) -> None:
+    def begin_log(self) -> None:
         """Begin this run's log."""
         for slave in self.slaves:
             slave.log.begin(self.time)
@@ -170,22 +165,22 @@ class Run:
         self.propagate()
         for slave in self.slaves:
             slave.exit_initialization()
-        self.once(self.program.outputs)
+        self.evaluate(self.program.outputs)
 
     def propagate(self) -> None:
         """Outputs to inputs until nothing changes: two passes where there is no loop through initial values."""
         program = self.program
-        self.once(program.outputs)
+        self.evaluate(program.outputs)
         for _ in range(MAX_PASSES):
             before = program.values.copy()
-            self.once(program.initial)
+            self.evaluate(program.initial)
             if np.array_equal(before, program.values, equal_nan=True):
                 return
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
         Log.sink(self.notices[-1])
 
-    def once(self, rows: list[loop.Row]) -> None:
+    def evaluate(self, rows: list[loop.Row]) -> None:
         """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
         self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)
@@ -377,65 +372,6 @@ def make_result(
     )
 
 
-def system_metadata(system: System) -> dict[str, Any]:
-    """What is known about a run before it begins."""
-    return {
-        "system": system.name,
-        "description": system.description,
-        "system_hash": system.digest,
-        "start_time": float(system.start_time),
-        "stop_time": float(system.stop_time),
-        "step_size": float(system.step_size),
-        "order": system.order if isinstance(system.order, str) else list(system.order),
-        "evaluation_order": list(system.visits),
-        "tolerance": system.tolerance,
-        "decimation": system.decimation,
-        "connections": [str(connection) for connection in system.connections],
-        "wires": [_wire(system, connection) for connection in system.connections],
-        "transformations": {
-            str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
-        },
-        "fmus": {
-            i.name: {
-                "fmu": i.fmu.name,
-                "sha256": i.fmu.digest,
-                "fmi": i.fmu.fmi,
-                "version": i.fmu.version,
-                "description": i.fmu.text,
-            }
-            for i in system.instances
-        },
-        "start_values": _start_values(system),
-        "notes": list(system.notes),
-        "signals": {s.name: {"file": str(s.path), "sha256": s.digest} for s in system.signals},
-        "versions": dict(_versions()),
-    }
-
-
-def _wire(system: System, connection: Connection) -> dict[str, Any]:
-    """A connection by its parts, with the units of source and target ("" where there is none)."""
-    source, target = connection.source, connection.target
-    units = [system.variable(*end).unit or "" for end in (source, target)]
-    return {"from": list(source), "to": list(target), "units": units, "factor": connection.factor}
-
-
-def _start_values(system: System) -> dict[str, dict[str, Any]]:
-    """The start values that differ from those of the FMU, each with its unit and the one that it replaces."""
-    found: dict[str, dict[str, Any]] = {}
-    for instance in system.instances:
-        for name, value in instance.start.items():
-            variable = instance.fmu.variables[name]
-            if value != variable.start:
-                shown = {number: item for item, number in variable.items.items()}
-                own = variable.start
-                found[f"{instance.name}.{name}"] = {
-                    "value": shown.get(value, value) if isinstance(value, int) else value,
-                    "fmu": shown.get(own, own) if isinstance(own, int) else own,
-                    "unit": variable.unit or "",
-                }
-    return found
-
-
 def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
     """The times of ``count`` rows from number ``first`` on, every ``every``-th, in seconds."""
     times = np.arange(first, first + count * every, every, dtype=np.float64)
@@ -446,11 +382,6 @@ def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray
     return times
 
 
-def result_columns(system: System) -> tuple[Column, ...]:
-    """The columns of the rows that a run of ``system`` records."""
-    return tuple(_column(f"{name}.{v}", system.variable(name, v)) for name, v in system.record)
-
-
 def check_memory(system: System, rows: int) -> None:
     """Raise DescriptionError if so many rows are more than this machine has memory for."""
     need = rows * len(system.record) * 8
@@ -459,24 +390,6 @@ def check_memory(system: System, rows: int) -> None:
             f"{system.name}: {rows} rows of {len(system.record)} variables need {need / 2**30:.1f} GiB of memory. "
             "Record fewer variables or take a larger decimation."
         )
-
-
-def _column(name: str, variable: Variable) -> Column:
-    unit = variable.unit or "1"
-    shown = variable.display_unit
-    if shown is None:
-        return Column(name, unit, variable.text, unit)
-    return Column(name, unit, variable.text, shown.name, shown.factor, shown.offset)
-
-
-@cache
-def _versions() -> Mapping[str, str]:
-    from importlib.metadata import PackageNotFoundError, version  # takes longer than what is done with it
-
-    found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
-    with contextlib.suppress(PackageNotFoundError):
-        found["motion-cosim"] = version("motion-cosim")
-    return MappingProxyType(found)
 
 
 def _physical_memory() -> float:

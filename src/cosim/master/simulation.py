@@ -123,14 +123,14 @@ class Simulation:
         """Run from the start, with another variant of the system if one is given (same instances of the same FMUs)."""
         run = self._ready(self.system if system is None else system)
         with counted(most=1) as interrupted:
-            return run.go(progress, interrupted)
+            return run.run(progress, interrupted)
 
     def initialize(self) -> Result:
         """Bring all instances to the end of their initialization, as a run does; no step, no rows.
 
         The result has the messages. Raises CallError.
         """
-        return self._ready(self.system).go(None, Presses(), end=0)
+        return self._ready(self.system).run(None, Presses(), end=0)
 
     def pause(self, time: float, system: System | None = None) -> Checkpoint:
         """Run from the start to ``time`` and keep what there is, for ``resume``.
@@ -142,7 +142,7 @@ class Simulation:
         point = _point(system, time, least=0)
         run = self._ready(system)
         with counted(most=1) as interrupted:
-            result = run.go(None, interrupted, end=point)
+            result = run.run(None, interrupted, end=point)
         if run.ended:
             raise DescriptionError(
                 f"{system.name}: an FMU ended the simulation at {run.time():.9g} s, before {time:.9g} s."
@@ -181,7 +181,7 @@ class Simulation:
         run.program.values[:] = checkpoint.values
         run.program.others[:] = checkpoint.others
         with counted(most=1) as interrupted:
-            return run.go_on(values, progress, interrupted)
+            return run.resume(values, progress, interrupted)
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Bring every instance back to where it was at ``checkpoint``."""

@@ -144,6 +144,10 @@ class CsvTable:
         """Where row number ``row``, from 0, stands."""
         return f"line {self._numbers[row]}, row {row + 1}"
 
+    def is_number(self, row: int, column: int) -> bool:
+        """Whether a cell holds a number, which may be not finite."""
+        return self._number(self._cells(self._lines[row])[column]) is not None
+
     def wrong(self, row: int, column: int) -> str:
         """Why a cell gives no finite number."""
         cell = self._cells(self._lines[row])[column]

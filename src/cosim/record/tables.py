@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from .csv import CsvTable
+from .description import columns_of, read_description
 
 TEXT = (".csv", ".tsv", ".txt", ".dat")
 """Endings of files that are read as CSV."""
@@ -34,6 +35,10 @@ class Table(Protocol):
         """Where row number ``row``, from 0, stands."""
         ...
 
+    def is_number(self, row: int, column: int) -> bool:
+        """Whether a cell holds a number, which may be not finite."""
+        ...
+
     def wrong(self, row: int, column: int) -> str:
         """Why a cell gives no finite number."""
         ...
@@ -43,7 +48,11 @@ def open_table(path: Path) -> Table:
     """The table in a file, by the ending of its name. Raises DescriptionError."""
     ending = path.suffix.lower()
     if ending in TEXT:
-        return CsvTable(path)
+        table = CsvTable(path)
+        table.metadata = read_description(path)
+        described = {column.name: column.unit for column in columns_of(path, table.metadata)}
+        table.units = [unit or described.get(name, "") for name, unit in zip(table.labels, table.units, strict=True)]
+        return table
     if ending in (".parquet", ".mat"):
         if not path.is_file():
             raise DescriptionError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}.")
@@ -65,6 +74,9 @@ class _Arrays:
 
     def place(self, row: int) -> str:
         return f"row {row + 1}"
+
+    def is_number(self, row: int, column: int) -> bool:
+        return True
 
     def wrong(self, row: int, column: int) -> str:
         return f"{self._columns[column][row]:g} is not finite. Leave the row out, or interpolate before."
@@ -98,6 +110,9 @@ class ParquetTable(_Arrays):
         super().__init__(columns, _decoded(file.metadata.metadata or {}))
         fields: list[Mapping[bytes, bytes] | None] = [field.metadata for field in table.schema]
         self.units = [(field or {}).get(b"unit", b"").decode("utf-8", "replace") for field in fields]
+
+    def is_number(self, row: int, column: int) -> bool:
+        return self.labels[column] not in self._texts
 
     def wrong(self, row: int, column: int) -> str:
         texts = self._texts.get(self.labels[column])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,23 +16,12 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..files import Replacement, cannot_write, check_no_folder, check_writable
+from .description import Column, description_of, description_path, metadata_with
 
 FORMATS = (".csv", ".parquet")
 
 PARQUET_BYTES, CSV_BYTES = 2**26, 2**22
 """Size of the rows that are written at a time: they are copied, and turned into text of several times their size."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """What a recorded variable is; ``value in display_unit = display_factor*value + display_offset``."""
-
-    name: str
-    unit: str
-    text: str
-    display_unit: str
-    display_factor: float = 1.0
-    display_offset: float = 0.0
 
 
 class _CsvFile:
@@ -58,7 +46,9 @@ class _ParquetFile:
         self._arrow: Any = import_module("pyarrow")
         fields = [
             self._arrow.field(
-                c.name, self._arrow.float64(), metadata={"unit": c.unit, "display_unit": c.display_unit, "text": c.text}
+                c.name,
+                self._arrow.float64(),
+                metadata={"unit": c.unit, "display_unit": c.display_unit, "description": c.description},
             )
             for c in columns
         ]
@@ -79,6 +69,7 @@ class _ParquetFile:
 class RecordWriter:
     """Writes rows to ``path``, .csv or .parquet, as they come; a context manager that keeps a finished file only.
 
+    Units, texts and metadata of a CSV file are in a file of their own beside it (``description``).
     Raises DescriptionError for another ending or a folder, FileError if the file cannot be written.
     """
 
@@ -88,13 +79,16 @@ class RecordWriter:
         all_columns = (Column("time", "s", "Time", "s"), *columns)
         csv = path.suffix.lower() == ".csv"
         self._path = path
+        self._columns = all_columns
+        self._metadata = dict(metadata)
+        self._csv = csv
         self._piece = max(1, (CSV_BYTES if csv else PARQUET_BYTES) // (8 * len(all_columns)))
         self._new = Replacement(path)
         with self._written():
             self._file = (
                 _CsvFile(self._new.file, all_columns)
                 if csv
-                else _ParquetFile(self._new.file, all_columns, _texts(metadata))
+                else _ParquetFile(self._new.file, all_columns, _texts(metadata_with(all_columns, metadata)))
             )
 
     def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
@@ -108,7 +102,19 @@ class RecordWriter:
         """Complete the file, with what is known at the end only, and give it its name."""
         with self._written():
             self._file.close(_texts(late))
-        self._new.commit()
+        if not self._csv:
+            self._new.commit()
+            return
+        content = description_of(self._path, self._columns, {**self._metadata, **late}, self._new.file.tell())
+        try:
+            # Both are complete on the disk before either gets its name; the record's is the one that matters.
+            with Replacement(description_path(self._path)) as description:
+                description.file.write(content)
+                description.file.flush()
+                self._new.commit()
+        except BaseException:
+            self.discard()
+            raise
 
     def discard(self) -> None:
         """Leave everything as it was."""

@@ -88,7 +88,7 @@ class Related:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ReferenceExperiment:
     """An experiment of an experiments file; ``None`` where the file does not say."""
 
     name: str
@@ -135,7 +135,7 @@ def write_manifest(files: Iterable[Related]) -> bytes:
     return document(root)
 
 
-def write_experiments(name: str, description: str, experiments: Iterable[Experiment]) -> bytes:
+def write_experiments(name: str, description: str, experiments: Iterable[ReferenceExperiment]) -> bytes:
     """An experiments file; every experiment must have its times."""
     register_namespace("cosim", NAMESPACE)  # SSP files have another one under this prefix
     root = Element("Experiments", name=name, description=description)
@@ -209,11 +209,11 @@ def read_manifest_file(path: Path) -> list[Related]:
     return files
 
 
-def read_experiments(path: Path) -> list[Experiment]:
+def read_experiments(path: Path) -> list[ReferenceExperiment]:
     """The experiments of a file. Raises DescriptionError with every problem of it."""
     root = _parse(path, "Experiments")
     problems: list[str] = []
-    experiments: list[Experiment] = []
+    experiments: list[ReferenceExperiment] = []
     for element in root.findall("Experiment"):
         name = str(element.get("name") or "")
         said = f"{path.name}, line {element.sourceline}: experiment '{name}'"
@@ -242,7 +242,7 @@ def read_experiments(path: Path) -> list[Experiment]:
                 problems.append(f"{said}: {tag} without source.")
         held, tolerances = _comparison(element, said, problems)
         experiments.append(
-            Experiment(
+            ReferenceExperiment(
                 name,
                 str(element.get("description") or ""),
                 numbers["startTime"],

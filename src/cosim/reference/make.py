@@ -22,7 +22,7 @@ from ..model import Choice, Component, Plant, declarations
 from ..reference import fmi_ls_ref as lsref
 from ..system.ssp_write import parameter_set
 from .exact import PLANT_TOLERANCE, Validation, scalar_names, tolerance, trace
-from .fmi_ls_ref import Experiment, Related, write_csv
+from .fmi_ls_ref import ReferenceExperiment, Related, write_csv
 from .picture import draw
 from .replay import Report, verify
 
@@ -67,7 +67,7 @@ def _references(kind: type[Component], fmu: Fmu, experiments: Sequence[Validatio
         Related(lsref.EXPERIMENTS, "experiment/validation", lsref.EXPERIMENTS_TYPE, "Validation experiments"),
         Related(f"../../documentation/{PICTURE}", "report", "image/png", "References and what the native FMU gives"),
     ]
-    described: list[Experiment] = []
+    described: list[ReferenceExperiment] = []
     for validation in experiments:
         stem = re.sub(r"\W+", "_", validation.name)
         about = f"of experiment '{validation.name}'"
@@ -86,7 +86,7 @@ def _references(kind: type[Component], fmu: Fmu, experiments: Sequence[Validatio
         files[reference] = _csv(validation, scalar_names(kind.Output), trace(kind, validation, inputs), DIGITS)
         related.append(Related(reference, "result", lsref.CSV_TYPE, f"Reference results {about}"))
         described.append(
-            Experiment(
+            ReferenceExperiment(
                 name=validation.name,
                 description=f"{validation.description}. {_TIMING if fmu.inputs else _TIMING_OF_SOURCES}",
                 start_time=0.0,

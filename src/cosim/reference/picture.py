@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import DescriptionError
 from ..result.plots import COLOURS, display_unit, save, typeset
-from .replay import Outcome, Report, Signal
+from .replay import Replay, Report, Signal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,7 +74,7 @@ def draw(report: Report, target: Path, shown: Mapping[str, Sequence[str]] | None
     save(target, fill, (WIDTHS[across - 1], 1.3 * blocks * deep + 0.5))
 
 
-def _chosen(outcome: Outcome, names: Sequence[str] | None) -> list[Signal]:
+def _chosen(outcome: Replay, names: Sequence[str] | None) -> list[Signal]:
     if names is None:
         return list(outcome.signals[:SHOWN])
     return [signal for name in names for signal in outcome.signals if signal.name == name]
@@ -103,7 +103,7 @@ def _wrapped(name: str) -> str:
     return f"{name[: middle + 1]}\n{name[middle + 1 :]}"
 
 
-def _shares(axes: Axes, outcome: Outcome) -> None:
+def _shares(axes: Axes, outcome: Replay) -> None:
     seconds, scale = display_unit("s", float(np.max(outcome.signals[0].times)))
     worst = outcome.worst
     for signal in sorted(outcome.signals, key=lambda signal: signal is worst):

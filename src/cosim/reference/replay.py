@@ -37,7 +37,7 @@ from ..fmu.archive import unpack
 from ..fmu.description import ELEMENT
 from ..fmu.xml import parse
 from ..reference import fmi_ls_ref as lsref
-from .fmi_ls_ref import Experiment, Related, Table, Tolerance
+from .fmi_ls_ref import ReferenceExperiment, Related, Table, Tolerance
 
 Interface = Literal["cs", "me"]
 
@@ -108,10 +108,10 @@ class Signal:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Replay:
     """What an experiment gave."""
 
-    experiment: Experiment
+    experiment: ReferenceExperiment
     rows: int
     signals: tuple[Signal, ...] = ()
     failure: str = ""
@@ -137,7 +137,7 @@ class Report:
     name: str
     fmi: str = ""
     interface: str = ""
-    outcomes: tuple[Outcome, ...] = ()
+    outcomes: tuple[Replay, ...] = ()
     problems: tuple[str, ...] = ()
     """What is wrong with the file or its references."""
 
@@ -189,7 +189,7 @@ def verify_all(
 class _Job:
     """An experiment with everything read."""
 
-    experiment: Experiment
+    experiment: ReferenceExperiment
     references: Table
     arguments: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """For ``simulate_fmu``."""
@@ -270,9 +270,9 @@ def _missing(related: Sequence[Related], folder: Path) -> list[str]:
 
 def _experiments(
     related: Sequence[Related], folder: Path, model: Any
-) -> tuple[list[tuple[Experiment, Path]], list[str]]:
+) -> tuple[list[tuple[ReferenceExperiment, Path]], list[str]]:
     """Experiments with the folder their URIs start from: those of the experiment files, else one a result file."""
-    found: list[tuple[Experiment, Path]] = []
+    found: list[tuple[ReferenceExperiment, Path]] = []
     problems: list[str] = []
     beside = folder / lsref.FOLDER
     files = [f for f in related if f.role.split("/")[0] == "experiment" and f.role != "experiment/uncertainty-analysis"]
@@ -296,7 +296,7 @@ def _experiments(
     return found, problems
 
 
-def _default_experiment(file: Related, related: Sequence[Related], beside: Path, model: Any) -> Experiment:
+def _default_experiment(file: Related, related: Sequence[Related], beside: Path, model: Any) -> ReferenceExperiment:
     """The default experiment with a result file, and the inputs in ``NAME_in.csv`` beside ``NAME_out.csv``."""
     inputs = re.sub(r"(_out|_ref)?\.csv$", "_in.csv", file.source)
     known = {f.source for f in related}
@@ -306,7 +306,7 @@ def _default_experiment(file: Related, related: Sequence[Related], beside: Path,
         text = getattr(default, name) if default is not None else None
         return None if text is None else float(text)
 
-    return Experiment(
+    return ReferenceExperiment(
         name="default",
         description=file.description,
         start_time=value("startTime"),
@@ -318,7 +318,7 @@ def _default_experiment(file: Related, related: Sequence[Related], beside: Path,
     )
 
 
-def _job(experiment: Experiment, beside: Path, folder: Path, model: Any, interface: Interface) -> _Job:
+def _job(experiment: ReferenceExperiment, beside: Path, folder: Path, model: Any, interface: Interface) -> _Job:
     """Everything ``simulate_fmu`` needs. Raises DescriptionError with all problems of the experiment's files."""
     variables = {variable.name: variable for variable in model.modelVariables}
     if experiment.references is None:
@@ -386,7 +386,7 @@ def _job(experiment: Experiment, beside: Path, folder: Path, model: Any, interfa
     return _Job(experiment, references, arguments, located, tuple(notes), tuple(lesser))
 
 
-def _timed(experiment: Experiment, references: Table, name: str) -> tuple[Experiment, list[str]]:
+def _timed(experiment: ReferenceExperiment, references: Table, name: str) -> tuple[ReferenceExperiment, list[str]]:
     """The experiment with its times complete, and what is wrong with the times of its references."""
     times = references.times
     start = 0.0 if experiment.start_time is None else experiment.start_time
@@ -526,9 +526,9 @@ def _start_array(variable: Any) -> Array:
 # ---- running ----
 
 
-def _run(jobs: Sequence[_Job], folder: Path, tolerance: float, timeout: float) -> list[Outcome]:
+def _run(jobs: Sequence[_Job], folder: Path, tolerance: float, timeout: float) -> list[Replay]:
     """Run the jobs in a process, in another one after it ended or hung."""
-    outcomes: list[Outcome] = []
+    outcomes: list[Replay] = []
     context = multiprocessing.get_context("spawn")
     while len(outcomes) < len(jobs):
         waiting = jobs[len(outcomes) :]
@@ -594,11 +594,11 @@ def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str) -> 
     pipe.close()
 
 
-def _failed(job: _Job, failure: str) -> Outcome:
-    return Outcome(job.experiment, len(job.references.rows), failure=failure, notes=job.notes)
+def _failed(job: _Job, failure: str) -> Replay:
+    return Replay(job.experiment, len(job.references.rows), failure=failure, notes=job.notes)
 
 
-def _compared(job: _Job, columns: Mapping[str, Any], tolerance: float) -> Outcome:
+def _compared(job: _Job, columns: Mapping[str, Any], tolerance: float) -> Replay:
     """The signals at the times of the references.
 
     At an event FMPy gives several rows of one time. With held stimuli the first counts, before new inputs are set,
@@ -625,7 +625,7 @@ def _compared(job: _Job, columns: Mapping[str, Any], tolerance: float) -> Outcom
         allowed = stated if stated is not None else Tolerance(0.0, tolerance)
         limit = allowed.limit(float(np.max(np.abs(reference))))
         signals.append(Signal(name, _unit(variable), times, reference, replay, limit, stated is not None))
-    return Outcome(job.experiment, len(times), tuple(signals), notes=job.notes)
+    return Replay(job.experiment, len(times), tuple(signals), notes=job.notes)
 
 
 def _unit(variable: Any) -> str:

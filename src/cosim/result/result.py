@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
-from ..record.write import Column, RecordWriter
+from ..record.description import Column
+from ..record.write import RecordWriter
 
 
 @dataclass(frozen=True)
@@ -98,9 +99,16 @@ class Result:
         Raises DescriptionError for another ending, FileError if the file cannot be written.
         """
         path = Path(path)
-        solver = {instance: dict(counts) for instance, counts in self.solver.items()}
-        metadata = {**self.metadata, "partial": self.partial, "solver": solver}
-        with RecordWriter(path, self.columns, metadata) as writer:
+        with RecordWriter(path, self.columns, {**self.metadata, **self.ending()}) as writer:
             writer.write(self.time, self.rows)
             writer.finish({})
         return path
+
+    def ending(self) -> dict[str, Any]:
+        """What is known when a run has ended, as the metadata of a file hold it."""
+        return {
+            "partial": self.partial,
+            "solver": {instance: dict(counts) for instance, counts in self.solver.items()},
+            "messages": [asdict(message) for message in self.messages],
+            "dropped_messages": self.dropped_messages,
+        }

@@ -37,7 +37,7 @@ def run_sections(result: Result, *, notes: Sequence[str] = ()) -> list[Section]:
         Section("Notes", _notes(result, notes)),
         Section("Figures of merit", figure_parts(summary(result))),
         Section("Signals", [Chart(run_panels(result))] if result.time.size > 1 else [Text("Nothing was recorded.")]),
-        *system_sections(result.metadata),
+        Section("System", system_parts(result.metadata)),
         Section("Solver", _solver(result)),
         Section("Provenance", provenance(result.metadata)),
         Section("Messages", _messages(result)),
@@ -61,13 +61,13 @@ def _notes(result: Result, notes: Sequence[str]) -> list[Part]:
     return [Notes(said)] if said else []
 
 
-def system_sections(facts: Mapping[str, Any]) -> list[Section]:
+def system_parts(facts: Mapping[str, Any]) -> list[Part]:
     """The block diagram and the start values of a system, from the metadata of its run."""
     wires = cast("Sequence[Mapping[str, Any]]", facts.get("wires", ()))
     rows = _start_values(facts.get("start_values", {}))
     table = Table(rows, ("Variable", "Here", "In the FMU", "Unit"), "Start values that differ from those of the FMU.")
     parts: list[Part] = [_diagram(facts, wires)] if facts.get("fmus") else []
-    return [Section("System", [*parts, *([table] if rows else [])])]
+    return [*parts, *([table] if rows else [])]
 
 
 def _start_values(entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[Cell, ...]]:
@@ -105,12 +105,14 @@ def _value(value: object) -> Cell:
 
 def _diagram(facts: Mapping[str, Any], wires: Sequence[Mapping[str, Any]]) -> Drawing:
     fmus = cast("Mapping[str, Mapping[str, Any]]", facts["fmus"])
+    records = cast("Mapping[str, Mapping[str, Any]]", facts.get("signals", {}))
     order = [str(name) for name in facts.get("evaluation_order", ())]
     others = [str(wire[end][0]) for wire in wires for end in ("from", "to")]
     blocks: list[Block] = []
     for name in dict.fromkeys((*order, *fmus, *others)):
         entry = fmus.get(name, {})
-        blocks.append(Block(name, str(entry.get("fmu", "")), str(entry.get("description", ""))))
+        kind = entry["fmu"] if entry else Path(str(records.get(name, {}).get("file", ""))).name
+        blocks.append(Block(name, str(kind), str(entry.get("description", ""))))
     drawn = [Wire(_end(wire["from"]), _end(wire["to"]), typeset(wire["units"][0]), _change(wire)) for wire in wires]
     steps = facts.get("order")
     told = (
@@ -124,10 +126,12 @@ def _end(end: Sequence[str]) -> tuple[str, str]:
 
 
 def _change(wire: Mapping[str, Any]) -> str:
-    """The factor of a connection and the unit behind it, where they say something."""
+    """The factor of a connection, the unit behind it, and its noise, where they say something."""
     (before, after), factor = wire["units"], wire["factor"]
     said = [f"\N{MULTIPLICATION SIGN}{factor:.5g}"] if factor != 1.0 else []
-    return " ".join([*said, typeset(after)] if after != before else said)
+    said += [typeset(after)] if after != before else []
+    said += [f"+ noise {wire['noise']:.3g}"] if "noise" in wire else []
+    return " ".join(said)
 
 
 def _solver(result: Result) -> list[Part]:
@@ -145,7 +149,7 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
         (text, f"{facts[key]:.12g} {unit}".strip() if isinstance(facts[key], int | float) else str(facts[key]))
         for text, key, unit in (
             ("System", "system", ""),
-            ("Digest of everything that decides the results, SHA-256", "system_hash", ""),
+            ("Digest of everything that decides the results, SHA-256", "system_digest", ""),
             ("Start time", "start_time", "s"),
             ("Stop time", "stop_time", "s"),
             ("Communication step", "step_size", "s"),
@@ -162,11 +166,15 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
     rows += [(f"Version of {name}", text) for name, text in versions.items()]
     fmus = cast("Mapping[str, Mapping[str, Any]]", facts.get("fmus", {}))
     table: list[tuple[Cell, ...]] = [
-        (name, str(f["fmu"]), f"{f.get('fmi', '')}", str(f.get("version", "")), str(f["sha256"]))
+        (name, str(f["fmu"]), f"{f.get('fmi', '')}", str(f.get("version", "")), str(f["digest"]))
         for name, f in fmus.items()
     ]
     heads = ("Instance", "FMU", "FMI", "Version", "SHA-256 of the file")
-    return [*([Table(rows)] if rows else []), *([Table(table, heads)] if table else [])]
+    signals = cast("Mapping[str, Mapping[str, str]]", facts.get("signals", {}))
+    records: list[tuple[Cell, ...]] = [(name, entry["file"], entry["digest"]) for name, entry in signals.items()]
+    record_heads = ("Signal", "File", "SHA-256 of the file")
+    tables = (Table(rows), Table(table, heads), Table(records, record_heads))
+    return [table for table in tables if table.rows]
 
 
 def _messages(result: Result) -> list[Part]:

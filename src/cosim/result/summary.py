@@ -130,7 +130,7 @@ def _between(scale: tuple[float, float], other: tuple[float, float]) -> tuple[fl
     return scale[0] / other[0], (scale[1] - other[1]) / other[0]
 
 
-class Row(NamedTuple):
+class FigureOfMerit(NamedTuple):
     """One line of a table of figures."""
 
     name: str
@@ -161,7 +161,7 @@ class Missing(NamedTuple):
         return ""
 
 
-Figure = Row | Missing
+Figure = FigureOfMerit | Missing
 
 
 def summary(result: Recorded, start: float | None = None) -> list[Figure]:
@@ -187,7 +187,7 @@ def summary(result: Recorded, start: float | None = None) -> list[Figure]:
 def _figure(name: str, unit: str, compute: Callable[[], float]) -> Figure:
     """A figure, or the reason why there is none."""
     try:
-        return Row(name, compute(), unit)
+        return FigureOfMerit(name, compute(), unit)
     except DescriptionError as error:
         return Missing(name, str(error))
 
@@ -225,10 +225,10 @@ def _loop_rows(result: Recorded, loop: Loop, prefix: str, start: float | None) -
     factor, unit = _length(result.unit(loop.position))
     error = loop.error(result) * factor
     rows = [
-        Row(f"{prefix}Position error, maximum{since}", max_abs(error[part]), unit),
-        Row(f"{prefix}Position error, rms{since}", rms(error[part]), unit),
-        Row(f"{prefix}Position error, at the end", float(error[-1]), unit),
-        Row(f"{prefix}Position error, maximum of the whole run", max_abs(error), unit),
+        FigureOfMerit(f"{prefix}Position error, maximum{since}", max_abs(error[part]), unit),
+        FigureOfMerit(f"{prefix}Position error, rms{since}", rms(error[part]), unit),
+        FigureOfMerit(f"{prefix}Position error, at the end", float(error[-1]), unit),
+        FigureOfMerit(f"{prefix}Position error, maximum of the whole run", max_abs(error), unit),
         *_step_rows(time, loop.reference_values(result) * factor, result[loop.position] * factor, (prefix, unit)),
     ]
     if loop.command in wrong:
@@ -237,7 +237,7 @@ def _loop_rows(result: Recorded, loop: Loop, prefix: str, start: float | None) -
         own, command = result.unit(loop.command), result[loop.command]
         variation = f"{prefix}Command, total variation{since}"
         rows += [
-            Row(f"{prefix}Command, maximum", max_abs(command), own),
+            FigureOfMerit(f"{prefix}Command, maximum", max_abs(command), own),
             _figure(variation, f"{own}/s", lambda: total_variation(time[part], command[part])),
         ]
     return rows
@@ -264,8 +264,10 @@ def _step_rows(time: Array, reference: Array, position: Array, label: tuple[str,
     settled = settling_time(time[begin:], position[begin:], last, 0.02 * abs(last - first), float(time[begin]))
     name = f"{prefix}Settling into 2 % of the step"
     return [
-        Row(f"{prefix}Overshoot", overshoot(position[motion:], first, last), unit),
-        Row(name, settled * 1e3, "ms") if math.isfinite(settled) else Missing(name, "never: outside at the end"),
+        FigureOfMerit(f"{prefix}Overshoot", overshoot(position[motion:], first, last), unit),
+        FigureOfMerit(name, settled * 1e3, "ms")
+        if math.isfinite(settled)
+        else Missing(name, "never: outside at the end"),
     ]
 
 
@@ -286,9 +288,9 @@ def _contour_rows(result: Recorded, x: Loop, y: Loop, start: float | None) -> li
         return [Missing("Contour error", str(problem))]
     since = f" from {time[part][0]:g} s"
     return [
-        Row(f"Contour error, maximum{since}", max_abs(error[part]), unit),
-        Row(f"Contour error, rms{since}", rms(error[part]), unit),
-        Row("Contour error, maximum of the whole run", max_abs(error), unit),
+        FigureOfMerit(f"Contour error, maximum{since}", max_abs(error[part]), unit),
+        FigureOfMerit(f"Contour error, rms{since}", rms(error[part]), unit),
+        FigureOfMerit("Contour error, maximum of the whole run", max_abs(error), unit),
     ]
 
 
@@ -316,11 +318,11 @@ def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Figure]:
     except DescriptionError as error:
         return [Missing("Circular test", f"too few samples were recorded: {error}")]
     return [
-        Row(f"Circular deviation G, turn {turns}", test.circular_deviation, unit),
-        Row(f"Radial deviation F_max, turn {turns}", test.radial_max, unit),
-        Row(f"Radial deviation F_min, turn {turns}", test.radial_min, unit),
-        Row(f"Radial deviation, mean, turn {turns}", test.radial_mean, unit),
-        Row(f"Reversal spike, largest, turn {turns}", max(test.spikes, key=abs), unit),
+        FigureOfMerit(f"Circular deviation G, turn {turns}", test.circular_deviation, unit),
+        FigureOfMerit(f"Radial deviation F_max, turn {turns}", test.radial_max, unit),
+        FigureOfMerit(f"Radial deviation F_min, turn {turns}", test.radial_min, unit),
+        FigureOfMerit(f"Radial deviation, mean, turn {turns}", test.radial_mean, unit),
+        FigureOfMerit(f"Reversal spike, largest, turn {turns}", max(test.spikes, key=abs), unit),
     ]
 
 

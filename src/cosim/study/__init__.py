@@ -7,7 +7,7 @@ A study is a folder ``studies/NAME`` with system files, a file of claims and a `
 
 from ..result.summary import tracking
 from .claims import read_claims, read_study
-from .rules import Numbers, Rule, at_least, at_most, between, both, falling, near
+from .rules import Criterion, Numbers, at_least, at_most, between, both, falling, near
 from .run import find_study, known_studies, load_study, matching_runs, measure_run, run_one, run_study, run_system
 from .study import (
     COPY,
@@ -34,6 +34,7 @@ __all__ = [
     "NONE",
     "STATUSES",
     "Claim",
+    "Criterion",
     "Kind",
     "Measure",
     "Missing",
@@ -42,7 +43,6 @@ __all__ = [
     "Outcomes",
     "Picture",
     "Reading",
-    "Rule",
     "Run",
     "Status",
     "Study",

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from ..errors import DescriptionError, suggest
 from ..fmu.tables import read_table
 from . import expression, rules
-from .rules import Numbers, Rule
+from .rules import Criterion, Numbers
 from .study import COPY, Claim, Kind, Measure, Outcomes, OwnOutcomes, Picture, Reading, Run, Status, Study, labelled
 
 FACTORS: Mapping[str, float] = {
@@ -146,7 +146,7 @@ def read_study(
     pictures: Mapping[str, Picture],
     *,
     measures: Mapping[str, Measure] | None = None,
-    own_rules: Mapping[str, Rule] | None = None,
+    own_rules: Mapping[str, Criterion] | None = None,
     chapters: Mapping[str, Callable[[Outcomes], str]] | None = None,
     outcomes: OwnOutcomes | None = None,
 ) -> Study:
@@ -181,7 +181,7 @@ class _Builder:
     """Turns claims as data into claims, and collects the problems."""
 
     def __init__(
-        self, file: str, runs: Mapping[str, Run], measures: Mapping[str, Measure], own_rules: Mapping[str, Rule]
+        self, file: str, runs: Mapping[str, Run], measures: Mapping[str, Measure], own_rules: Mapping[str, Criterion]
     ) -> None:
         self.file = file
         self.runs = runs
@@ -193,7 +193,9 @@ class _Builder:
         self.problems.append(f"{self.file}: claim {claim}: {text}")
 
     def claim(self, table: TableData, data: ClaimData) -> Claim:
-        verdicts: dict[Status, Rule] = {status: self.rule(table, data, rule) for status, rule in data.verdicts.items()}
+        verdicts: dict[Status, Criterion] = {
+            status: self.rule(table, data, rule) for status, rule in data.verdicts.items()
+        }
         readings = tuple(
             Reading(reading.setting, measure)
             for reading in data.readings
@@ -237,13 +239,13 @@ class _Builder:
             elif run not in self.runs:
                 self.problem(claim, f"there is no run '{run}'.{suggest(run, self.runs)}")
 
-    def rule(self, table: TableData, claim: ClaimData, data: RuleData) -> Rule:
+    def rule(self, table: TableData, claim: ClaimData, data: RuleData) -> Criterion:
         """The rule that holds where all conditions of ``data`` hold."""
         why = data.why or table.why
         if not why:
             self.problem(claim.id, "a threshold has no reason: give why.")
         without = labelled(claim.without) if claim.without is not None else None
-        found: list[Rule] = []
+        found: list[Criterion] = []
         if data.near is not None or data.near_abs is not None:
             rule = rules.near(rel=data.near or 0.0, abs=data.near_abs or 0.0)
             found.append(rule)
@@ -276,7 +278,7 @@ class _Builder:
             else:
                 self.problem(claim.id, f"there is no rule '{data.rule}'.{suggest(data.rule, self.own_rules)}")
         if not found:
-            return Rule("", _never, why)
+            return Criterion("", _never, why)
         combined = found[0]
         for other in found[1:]:
             combined = rules.both(combined, other)

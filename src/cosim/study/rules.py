@@ -14,7 +14,7 @@ Numbers = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Rule:
+class Criterion:
     """A condition on measured values, given the published ones."""
 
     text: str
@@ -26,7 +26,7 @@ class Rule:
     """Allowed distance from a published value, for a rule that compares with it."""
 
 
-def near(*, rel: float = 0.0, abs: float = 0.0) -> Rule:
+def near(*, rel: float = 0.0, abs: float = 0.0) -> Criterion:
     """Every measured value within ``rel`` of the published one of the same label or within ``abs`` in the unit."""
 
     def tolerance(published: float) -> float:
@@ -41,10 +41,10 @@ def near(*, rel: float = 0.0, abs: float = 0.0) -> Rule:
 
     parts = [f"within {100.0 * rel:g} % of it"] if rel else []
     parts += [f"within ±{abs:g}{{unit}}"] if abs else []
-    return Rule(" or ".join(parts) or "equal", holds, tolerance=tolerance)
+    return Criterion(" or ".join(parts) or "equal", holds, tolerance=tolerance)
 
 
-def within_effect(share: float, without: Numbers) -> Rule:
+def within_effect(share: float, without: Numbers) -> Criterion:
     """Every measured value nearer to the published one than ``share`` of its distance from that without the effect.
 
     Labels that ``without`` does not have are not judged.
@@ -56,59 +56,59 @@ def within_effect(share: float, without: Numbers) -> Rule:
             for k, value in without.items()
         )
 
-    return Rule(f"within {100.0 * share:g} % of the effect", holds)
+    return Criterion(f"within {100.0 * share:g} % of the effect", holds)
 
 
-def _every(text: str, condition: Callable[[float], bool]) -> Rule:
-    return Rule(text, lambda measured, _: all(condition(value) for value in measured.values()))
+def _every(text: str, condition: Callable[[float], bool]) -> Criterion:
+    return Criterion(text, lambda measured, _: all(condition(value) for value in measured.values()))
 
 
-def between(low: float, high: float) -> Rule:
+def between(low: float, high: float) -> Criterion:
     """Every measured value in ``low`` ... ``high``."""
     return _every(f"{low:g} to {high:g}{{unit}}", lambda value: low <= value <= high)
 
 
-def at_most(limit: float) -> Rule:
+def at_most(limit: float) -> Criterion:
     """Every measured value at most ``limit``."""
     return _every(f"at most {limit:g}{{unit}}", lambda value: value <= limit)
 
 
-def at_least(limit: float) -> Rule:
+def at_least(limit: float) -> Criterion:
     """Every measured value at least ``limit``."""
     return _every(f"at least {limit:g}{{unit}}", lambda value: value >= limit)
 
 
-def at_least_published() -> Rule:
+def at_least_published() -> Criterion:
     """Every measured value at least the published one of the same label."""
-    return Rule("each at least as published", lambda m, p: all(m[name] >= p[name] for name in p))
+    return Criterion("each at least as published", lambda m, p: all(m[name] >= p[name] for name in p))
 
 
-def at_most_published() -> Rule:
+def at_most_published() -> Criterion:
     """Every measured value at most the published one of the same label."""
-    return Rule("each at most as published", lambda m, p: all(m[name] <= p[name] for name in p))
+    return Criterion("each at most as published", lambda m, p: all(m[name] <= p[name] for name in p))
 
 
-def published_order() -> Rule:
+def published_order() -> Criterion:
     """The measured values, put in the order of the published ones, rise."""
 
     def holds(measured: Numbers, published: Numbers) -> bool:
         labels = sorted(published, key=lambda label: published[label])
         return all(measured[one] < measured[other] for one, other in pairwise(labels))
 
-    return Rule("the published order", holds)
+    return Criterion("the published order", holds)
 
 
-def falling() -> Rule:
+def falling() -> Criterion:
     """Each measured value smaller than the one before it."""
 
     def holds(measured: Numbers, _: Numbers) -> bool:
         values = list(measured.values())
         return all(after < before for before, after in pairwise(values))
 
-    return Rule("each smaller than the one before", holds)
+    return Criterion("each smaller than the one before", holds)
 
 
-def both(one: Rule, other: Rule) -> Rule:
+def both(one: Criterion, other: Criterion) -> Criterion:
     """Two rules at once."""
 
     def holds(measured: Numbers, published: Numbers) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import CosimError, DescriptionError
 from ..result.result import Result
-from .rules import Numbers, Rule
+from .rules import Criterion, Numbers
 
 Kind = Literal["paper", "check", "finding"]
 """``paper``: a publication says so. ``check``: another simulation of the same equations gave this figure; agreement
@@ -157,7 +157,7 @@ OwnOutcomes = Callable[[Path | None, Path | None, Advance, int], Outcomes]
 """Outcomes of a study about data of the user: from their folder (None: those that come with the study), the folder of
 FMUs, what is told of each outcome, and how many runs are carried out at a time."""
 
-NO_RULES: Mapping[Status, Rule] = MappingProxyType({})
+NO_RULES: Mapping[Status, Criterion] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class Claim:
     """The unit of every value, or units by label."""
     measure: Measure | None = None
     """The measured value or values in ``unit``; None if there is nothing to measure."""
-    verdicts: Mapping[Status, Rule] = field(default_factory=lambda: NO_RULES)
+    verdicts: Mapping[Status, Criterion] = field(default_factory=lambda: NO_RULES)
     """The rule that earns each status, the best first."""
     group: str = "Claims"
     setting: str = ""

@@ -11,10 +11,10 @@ from typing import Any, TypedDict
 
 from ..errors import DescriptionError
 from .connections import read_connections
-from .experiment import Experiment, read_experiment
+from .experiment import ExperimentTimes, read_experiment
 from .findings import Findings
 from .instances import Places, read_instances
-from .order import visits
+from .order import evaluation_order
 from .parts import Connection, Instance, Order, Ports, SignalSource, system_digest
 from .record import recorded_variables
 from .samples import check_steps
@@ -36,7 +36,7 @@ class SystemFields(TypedDict):
     step_size: Decimal
     steps: int
     order: Order
-    visits: tuple[str, ...]
+    evaluation_order: tuple[str, ...]
     tolerance: float | None
     record: tuple[tuple[str, str], ...]
     decimation: int
@@ -70,7 +70,7 @@ def checked_fields(
         )
     evaluated = tuple(instances)
     if not findings.problems:
-        evaluated = visits(instances, connections, experiment.order, findings)
+        evaluated = evaluation_order(instances, connections, experiment.order, findings)
     if findings.problems:
         raise DescriptionError(list(dict.fromkeys(findings.problems)))
     start, stop, step = experiment.start_time, experiment.stop_time, experiment.step_size
@@ -86,7 +86,7 @@ def checked_fields(
         step_size=step,
         steps=experiment.steps,
         order=order,
-        visits=evaluated,
+        evaluation_order=evaluated,
         tolerance=tolerance,
         record=record,
         decimation=decimation,
@@ -109,7 +109,7 @@ def checked_fields(
 
 def _signals_and_experiment(
     document: Mapping[str, Any], instances: Mapping[str, Instance], folder: Path, findings: Findings
-) -> tuple[dict[str, SignalSource], Experiment]:
+) -> tuple[dict[str, SignalSource], ExperimentTimes]:
     """The records of a document and its experiment, which a record may end."""
     if "signals" not in document:
         return {}, read_experiment(document, findings)

@@ -16,7 +16,7 @@ from .values import decimal, fraction, show_value, whole
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentTimes:
     """A checked experiment; ``steps`` is 0 if a problem was found."""
 
     start_time: Decimal = Decimal(0)
@@ -29,7 +29,7 @@ class Experiment:
 
 def read_experiment(
     document: Mapping[str, Any], findings: Findings, ends: Sequence[tuple[str, float]] = (), multiple: int = 1
-) -> Experiment:
+) -> ExperimentTimes:
     """The experiment of a document.
 
     ``ends`` are names and times in s of records that end the run, which then has a multiple of ``multiple`` steps.
@@ -50,9 +50,9 @@ def read_experiment(
     if start is not None and step is not None and ends and ("stop_time" not in table or stop is not None):
         stop = _with_record(start, stop, step, ends, multiple, findings)
     if start is None or stop is None or step is None:
-        return Experiment(order=order, tolerance=tolerance)
+        return ExperimentTimes(order=order, tolerance=tolerance)
     steps = _steps(start, stop, step, findings)
-    return Experiment(_decimal(start), _decimal(stop), _decimal(step), steps, order, tolerance)
+    return ExperimentTimes(_decimal(start), _decimal(stop), _decimal(step), steps, order, tolerance)
 
 
 Number = Decimal | Fraction

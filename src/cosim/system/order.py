@@ -26,7 +26,7 @@ def feedthrough(
     return outputs
 
 
-def evaluation_order(
+def feedthrough_order(
     names: Sequence[str],
     outputs: Mapping[tuple[str, str], tuple[tuple[str, str], ...]],
     connected: Sources,
@@ -73,7 +73,7 @@ def find_loop(instances: Mapping[str, Instance], connected: Sources) -> list[tup
     return []
 
 
-def visits(
+def evaluation_order(
     instances: Mapping[str, Instance], connections: Sequence[Connection], order: Order, findings: Findings
 ) -> tuple[str, ...]:
     """In which order instances get their inputs and give their feedthrough outputs at a communication point."""
@@ -84,7 +84,7 @@ def visits(
         return order
     loop = find_loop(instances, connected)
     if not loop:
-        return evaluation_order(list(instances), outputs, connected)
+        return feedthrough_order(list(instances), outputs, connected)
     if order != "parallel":
         findings.problem(
             "connections",

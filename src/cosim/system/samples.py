@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from decimal import Decimal
 from fractions import Fraction
 
-from .experiment import Experiment
+from .experiment import ExperimentTimes
 from .findings import Findings
 from .parts import Instance
 from .values import decimal, whole
 
 
-def check_steps(instances: Mapping[str, Instance], experiment: Experiment, findings: Findings) -> None:
+def check_steps(instances: Mapping[str, Instance], experiment: ExperimentTimes, findings: Findings) -> None:
     """Step multiples divide the run; sampling times and communication steps are multiples of each other."""
     for name, instance in instances.items():
         where = f"instances.{name}"

@@ -246,7 +246,7 @@ def _variable(name: str, unit: str, text: str) -> Variable:
         start_text=None,
         min=None,
         max=None,
-        text=text,
+        description=text,
         items={},
     )
 

@@ -30,7 +30,7 @@ def fmu_document(path: Path) -> dict[str, Any]:
     if "step_size" not in experiment and experiment.get("stop_time", start) > start:
         experiment["step_size"] = (experiment["stop_time"] - start) / STEPS
     return {
-        "description": fmu.text or fmu.name,
+        "description": fmu.description or fmu.name,
         "experiment": experiment,
         "instances": {instance_name(fmu): {"fmu": str(path.resolve())}},
     }

@@ -1,8 +1,8 @@
 """Systems as SSP 1.0 (System Structure and Parameterization): what other tools read, with the FMUs inside.
 
 ``write_ssp`` packs a checked system; ``read_ssp`` gives the document of an .ssp or .ssd for ``make_system``. What SSP
-has no word for (communication step size, order, step multiples, record, signals, sums, noise) stands in annotations of type
-``motion-cosim``; readers that do not know them use the rest.
+has no word for (communication step size, order, step multiples, record, signals, sums, noise) stands in annotations of
+type ``motion-cosim``; readers that do not know them use the rest.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             source=quote(sources[fmu.path]),
             implementation="CoSimulation",
         )
-        if fmu.text:
-            component.set("description", fmu.text)
+        if fmu.description:
+            component.set("description", fmu.description)
         connectors = _sub(component, "ssd:Connectors")
         for name in (*fmu.inputs, *fmu.outputs):
             variable = fmu.variables[name]

@@ -63,7 +63,7 @@ class System:
     step_size: Decimal
     steps: int
     order: Order
-    visits: tuple[str, ...]
+    evaluation_order: tuple[str, ...]
     """Instances in the order in which inputs are set and feedthrough is evaluated at a communication point."""
     tolerance: float | None
     record: tuple[tuple[str, str], ...]

@@ -29,7 +29,7 @@ Matrix = list[list[float]]
 
 
 @dataclass
-class Progress:
+class StepProgress:
     """What an instance keeps: proposal for the next step, and counts in the order of the solver's variables."""
 
     step: float = 0.0
@@ -60,7 +60,7 @@ class Problem:
     max_steps: int
 
 
-def integrate(problem: Problem, progress: Progress, t: float, end: float, x: Vector) -> None:
+def integrate(problem: Problem, progress: StepProgress, t: float, end: float, x: Vector) -> None:
     """Advance ``x`` in place from ``t`` to ``end``. Raises Stopped; ``x`` is then that of its time."""
     step = progress.step if progress.step > 0.0 else end - t
     smallest = 1e-15 * max(abs(t), abs(end))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, cast
 
 from ...model import Component
 from ..contract import INSTANTIATED
-from ..interface import Variable, gap_rules, ordered_states, scalars, variables_of
+from ..interface import InterfaceVariable, gap_rules, ordered_states, scalars, variables_of
 from .dual import Dual
+from .messages import PHASES
 from .ticks import Ticks
 
 
@@ -35,17 +36,19 @@ class Memory:
     outputs_dirty: bool = True
     derivatives_dirty: bool = True
     sampled: bool = False
+    told: list[str] = field(default_factory=list[str])
+    """Names and limits of the notes that have been told."""
 
     def copy(self) -> dict[str, Any]:
         """Plain values that share nothing with this memory."""
         return asdict(self)
 
 
-class Interface:
+class MemoryLayout:
     """Where the variables of a component are in ``Memory.v``."""
 
     def __init__(self, kind: type[Component]) -> None:
-        self.variables: tuple[Variable, ...] = variables_of(kind)
+        self.variables: tuple[InterfaceVariable, ...] = variables_of(kind)
         states, self.n_continuous = ordered_states(kind)
         sizes = [
             len(scalars(kind)),
@@ -71,12 +74,37 @@ class Interface:
 
 
 @cache
-def interface(kind: type[Component]) -> Interface:
+def interface(kind: type[Component]) -> MemoryLayout:
     """The interface of a component, made once."""
-    return Interface(kind)
+    return MemoryLayout(kind)
 
 
-def value_of(variable: Variable, number: float) -> Any:
+def restored(state: Mapping[str, Any], like: Memory, face: MemoryLayout) -> Memory | None:
+    """The memory of saved values, or None if no instance of this FMU, whose memory is ``like``, can go on with them."""
+    copied: dict[str, Any] = {k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()}
+    try:
+        copied["count"] = Ticks(**copied["count"])
+        memory = Memory(**copied)
+        values: list[Any] = [*memory.v, *memory.next]
+        given = zip(face.variables[: face.states.start], memory.v, strict=False)
+        sound = (
+            len(memory.v) == len(like.v)
+            and len(memory.next) == len(like.next)
+            and len(memory.counts) == len(like.counts)
+            and memory.phase in PHASES
+            and all(math.isfinite(value) and v.min <= value <= v.max for v, value in given)
+            and all(isinstance(value, float | int) for value in values)
+            and all(math.isfinite(value) for value in (memory.start, memory.time, memory.tolerance))
+            and memory.stop > memory.start
+            and memory.count.is_sound()
+            and isinstance(cast(object, memory.told), list)
+        )
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    return memory if sound else None
+
+
+def value_of(variable: InterfaceVariable, number: float) -> Any:
     """What a component's field holds for the number an FMU holds; its start value for a number without a member."""
     if variable.choice is not None:
         known = {item.number: item for item in variable.choice}
@@ -84,7 +112,7 @@ def value_of(variable: Variable, number: float) -> Any:
     return {"Boolean": bool, "Integer": int}.get(variable.type, float)(number)
 
 
-def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, Variable]]) -> Sequence[Any]:
+def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, InterfaceVariable]]) -> Sequence[Any]:
     """Values as equations see them: those of ``whole`` places are no floats."""
     if not whole:
         return values

@@ -11,7 +11,7 @@ CATEGORIES = dict(zip((WARNING, DISCARD, ERROR), contract.CATEGORIES, strict=Fal
 PHASES = dict(zip((1 << k for k in range(len(contract.PHASES))), contract.PHASES.values(), strict=True))
 
 
-class Message(NamedTuple):
+class LogEntry(NamedTuple):
     """A log message as PythonFMU takes it."""
 
     status: int

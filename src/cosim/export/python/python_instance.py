@@ -11,17 +11,27 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
-from ...model import Component, Controller, Plant, Record, Source, unflatten
+from ...model import Component, Controller, Note, Plant, Record, Source, unflatten
 from .. import contract
-from ..contract import BEFORE, DISCARD, ERROR, FAILED, INITIALIZATION, STEP_COMPLETE, STEP_FAILED, TERMINATED
-from ..interface import Variable, unchecked
+from ..contract import (
+    BEFORE,
+    DISCARD,
+    ERROR,
+    FAILED,
+    INITIALIZATION,
+    STEP_COMPLETE,
+    STEP_FAILED,
+    TERMINATED,
+    WARNING,
+)
+from ..interface import InterfaceVariable, unchecked
 from .dual import Dual, plain
-from .integrator import Problem, Progress, Stopped, integrate
-from .memory import Memory, float_of, interface, numbers, value_of, with_types
-from .messages import CATEGORIES, PHASES, Message, Refusal
-from .ticks import EPSILON, Ticks
+from .integrator import Problem, StepProgress, Stopped, integrate
+from .memory import Memory, float_of, interface, numbers, restored, value_of, with_types
+from .messages import CATEGORIES, PHASES, LogEntry, Refusal
+from .ticks import EPSILON
 
 
 class Instance:
@@ -31,7 +41,7 @@ class Instance:
 
     def __init__(self, **arguments: Any) -> None:
         self.instance_name = str(arguments["instance_name"])
-        self.log_queue: list[Message] = []
+        self.log_queue: list[LogEntry] = []
         self.face = interface(self.kind)
         starts = [variable.start for variable in self.face.variables]
         self.memory = Memory(v=starts, next=[0.0] * len(starts[self.face.states]))
@@ -39,7 +49,7 @@ class Instance:
 
     # What PythonFMU calls
 
-    def _get_log_queue(self) -> list[Message]:
+    def _get_log_queue(self) -> list[LogEntry]:
         return self.log_queue
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
@@ -62,6 +72,7 @@ class Instance:
         """fmi2Terminate."""
 
         def end(function: str) -> None:
+            self.tell_notes(function)
             self.memory.phase = TERMINATED
 
         self.guard("fmi2Terminate", contract.LEGAL["TERMINATE"], end)
@@ -110,35 +121,12 @@ class Instance:
 
     def _set_fmu_state(self, state: Mapping[str, Any]) -> None:
         def restore(function: str) -> None:
-            memory = self.memory_of(state)
+            memory = restored(state, self.memory, self.face)
             if memory is None:
                 raise Refusal(ERROR, "NO_STATE", function, self.kind.__name__)
             self.memory, self.made = memory, None
 
         self.guard("fmi2SetFMUstate", contract.LEGAL["HANDLE_STATE"], restore)
-
-    def memory_of(self, state: Mapping[str, Any]) -> Memory | None:
-        """The memory of saved values, or None if no instance of this FMU can go on with them."""
-        copied: dict[str, Any] = {k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()}
-        try:
-            copied["count"] = Ticks(**copied["count"])
-            memory = Memory(**copied)
-            values: list[Any] = [*memory.v, *memory.next]
-            given = zip(self.face.variables[: self.face.states.start], memory.v, strict=False)
-            sound = (
-                len(memory.v) == len(self.memory.v)
-                and len(memory.next) == len(self.memory.next)
-                and len(memory.counts) == len(self.memory.counts)
-                and memory.phase in PHASES
-                and all(math.isfinite(value) and v.min <= value <= v.max for v, value in given)
-                and all(isinstance(value, float | int) for value in values)
-                and all(math.isfinite(value) for value in (memory.start, memory.time, memory.tolerance))
-                and memory.stop > memory.start
-                and memory.count.is_sound()
-            )
-        except (KeyError, TypeError, ValueError, OverflowError):
-            return None
-        return memory if sound else None
 
     @staticmethod
     def _fmu_state_to_bytes(state: Mapping[str, Any]) -> bytes:
@@ -155,7 +143,7 @@ class Instance:
 
     def say(self, status: int, text: str) -> None:
         """Log a message; the FMI call in progress returns its status."""
-        self.log_queue.append(Message(status, CATEGORIES[status], text))
+        self.log_queue.append(LogEntry(status, CATEGORIES[status], text))
 
     def guard(self, function: str, phases: int, call: Callable[[str], None]) -> None:
         """Run one FMI call where it is legal. Whatever goes wrong becomes a message; an error fails the instance."""
@@ -175,7 +163,7 @@ class Instance:
             self.say(ERROR, f"{function}: {self.kind.__name__} failed in Python: {kind}: {error}".rstrip(": "))
             memory.phase = FAILED
 
-    def checked(self, function: str, reference: int, types: Sequence[str]) -> Variable:
+    def checked(self, function: str, reference: int, types: Sequence[str]) -> InterfaceVariable:
         """The variable of a value reference, which must have one of the types."""
         if not 0 <= reference < len(self.face.variables):
             last = len(self.face.variables) - 1
@@ -222,6 +210,19 @@ class Instance:
                 raise Refusal(ERROR, "INITIAL_NOT_FINITE", function, face.variables[face.states.start + offset].name)
         self.touch()
         memory.phase = STEP_COMPLETE
+        self.tell_notes(function)
+
+    def tell_notes(self, function: str) -> None:
+        """Tell what is legal but suspicious, each note once."""
+        memory = self.memory
+        self.refresh_parameters()
+        notes: tuple[Note, ...] = self.component().notes(self.state(memory.v[self.face.states]))
+        for note in notes:
+            key = f"{note.name}, {note.limit_name}"
+            if note.value > note.limit and key not in memory.told:
+                memory.told.append(key)
+                known = note.name, note.value, note.unit, note.limit_name, note.limit, note.unit, note.text
+                self.say(WARNING, contract.message("NOTE", function, *known))
 
     # Values
 
@@ -260,7 +261,7 @@ class Instance:
 
         self.guard(function, contract.LEGAL["SET"], write)
 
-    def set_one(self, function: str, variable: Variable, value: float) -> None:
+    def set_one(self, function: str, variable: InterfaceVariable, value: float) -> None:
         """Set one variable or refuse its value."""
         memory, reference = self.memory, variable.reference
         previous = memory.v[reference]
@@ -483,16 +484,15 @@ class Instance:
         else:
             tolerance = memory.v[face.references["tolerance"]]
             problem = Problem(derivative, linear, accepted, face.nominals, tolerance, int(contract.LIMITS["ATTEMPTS"]))
-            progress = Progress(memory.step, memory.counts)
+            progress = StepProgress(memory.step, memory.counts)
             try:
                 integrate(problem, progress, memory.time, end, states[:n])
             except Stopped as stopped:
                 memory.time, memory.phase = stopped.time, STEP_FAILED
                 names = [variable.name for variable in face.variables[face.states]]
                 where = "no single state" if stopped.state is None else names[stopped.state]
-                raise Refusal(
-                    DISCARD, "STOPPED", function, stopped.time, contract.REASONS[stopped.reason], where
-                ) from stopped
+                why = contract.REASONS[stopped.reason]
+                raise Refusal(DISCARD, "STOPPED", function, tolerance, stopped.time, where, why) from stopped
             finally:
                 memory.v[face.states], memory.step = states, progress.step
         memory.v[face.states] = states

@@ -1,0 +1,414 @@
+"""``cosim compare``: two runs, two records, or one of each."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+
+from ..errors import CosimError, DescriptionError
+from .console import (
+    Bar,
+    fmus_argument,
+    make_table,
+    print_error,
+    print_json,
+    print_note,
+    set_argument,
+    standard_output,
+)
+from .systems import given_values
+
+if TYPE_CHECKING:
+    from ..record.read import Record
+    from ..result.compare import Comparison, Difference, Tolerance
+    from ..result.result import Result
+    from ..system.system import System
+
+
+def add(commands: Any) -> None:
+    """Add ``compare``."""
+    compare = commands.add_parser(
+        "compare",
+        help="compare two runs or records, or a run with a record",
+        description="Compare B with the reference A: each is a system or an FMU, which is run, or a record "
+        "(.csv, .tsv, .txt, .dat, .parquet, .mat). Units are converted, the delay is estimated and said, the side "
+        "with longer steps keeps its samples.",
+        epilog="Example: cosim compare log.csv stage.toml --signals x=plant.position --tolerance x=2um --plot a.png. "
+        "Exit codes: 0 within the tolerances, 1 not, or a run failed, 2 an input is wrong.",
+    )
+    compare.add_argument("a", metavar="A", help="the reference: a system, an FMU or a record")
+    compare.add_argument("b", metavar="B", help="what is compared with it")
+    signals_argument(compare)
+    compare.add_argument(
+        "--tolerance",
+        action="extend",
+        nargs="+",
+        default=[],
+        metavar="[NAME=]VALUE",
+        help="of all signals, or of one: 1e-6 (its unit), 2um, or 1%% of the range of A; both kinds add up",
+    )
+    compare.add_argument(
+        "--time-tolerance", metavar="SECONDS", help="B may be this early or late within the tolerances (default: 0)"
+    )
+    compare.add_argument(
+        "--delay", default="0", metavar="SECONDS", help="move B back by this, or by its 'estimate' (default: 0)"
+    )
+    compare.add_argument(
+        "--interpolation", choices=("linear", "hold"), default="linear", help="between samples (default: linear)"
+    )
+    compare.add_argument("--from", dest="start", metavar="SECONDS", help="compare from this time of A on")
+    compare.add_argument("--to", dest="stop", metavar="SECONDS", help="compare up to this time of A")
+    set_argument(compare)
+    compare.add_argument(
+        "--set-b", action="append", default=[], metavar="INST.VAR=VALUE", help="start values of B only; may be repeated"
+    )
+    compare.add_argument("--stop-time", metavar="SECONDS", help="end of the runs")
+    compare.add_argument("--time", metavar="COLUMN", help="the column of time of records (default: time or t)")
+    compare.add_argument("--sampling-time", metavar="SECONDS", help="of records without a column of time")
+    compare.add_argument(
+        "--units", action="extend", nargs="+", default=[], metavar="COLUMN=UNIT", help="units that records do not say"
+    )
+    compare.add_argument("--plot", type=Path, metavar="FILE", help="draw both and their difference")
+    compare.add_argument("--report", type=Path, metavar="FILE", help="write a page, such as both.html (extra report)")
+    compare.add_argument("--json", action="store_true", help="print the comparison as JSON, for scripts")
+    fmus_argument(compare)
+    compare.set_defaults(command=_compare)
+
+
+def signals_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--signals``."""
+    parser.add_argument(
+        "--signals",
+        action="extend",
+        nargs="+",
+        metavar="NAME[=OTHER]",
+        help="what to compare: a name of both, or that of A and that of B (default: all names that both have)",
+    )
+
+
+def given_signals(items: Sequence[str] | None) -> dict[str, str] | None:
+    """The pairs of ``--signals``; None if there are none."""
+    if not items:
+        return None
+    return {name: other or name for name, _, other in (item.partition("=") for item in items)}
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from ..result.compare import compare
+
+    numbers, tolerances = _check(options)
+    sides = _opened(options, numbers)
+    labels = _labels(options)
+    sources = _source(sides[0]), _source(sides[1])
+    signals = given_signals(options.signals)
+    shown = _tolerances(tolerances, signals, sources, numbers["time_tolerance"])
+    found = compare(
+        sources[0],
+        sources[1],
+        signals,
+        tolerance=shown,
+        delay="estimate" if options.delay == "estimate" else numbers["delay"],
+        interpolation=options.interpolation,
+        start=numbers["start"],
+        stop=numbers["stop"],
+        labels=labels,
+    )
+    well = _write(found, options, sources)
+    if options.json:
+        print_json(_content(found, options))
+    else:
+        _show(found)
+        for file in (options.plot, options.report):
+            if file is not None and well:
+                standard_output().print(f"Written: {escape(str(file))}", soft_wrap=True)
+    return 0 if well and found.within else 1
+
+
+# Options.
+
+
+def _check(options: argparse.Namespace) -> tuple[dict[str, float], list[tuple[str, Tolerance]]]:
+    """The numbers among the options, and the tolerances. Raises DescriptionError with all that are wrong."""
+    problems: list[str] = []
+    numbers: dict[str, float] = {}
+    given = (
+        *(("time_tolerance", options.time_tolerance, 0.0, 0.0), ("start", options.start, -math.inf, -math.inf)),
+        *(("stop", options.stop, math.inf, -math.inf), ("sampling_time", options.sampling_time, 0.0, 0.0)),
+        ("delay", None if options.delay == "estimate" else options.delay, 0.0, -math.inf),
+    )
+    words = {"start": "--from", "stop": "--to"}
+    for name, text, default, least in given:
+        numbers[name] = default
+        if text is None:
+            continue
+        try:
+            numbers[name] = float(text)
+        except ValueError:
+            numbers[name] = math.nan
+        if not (math.isfinite(numbers[name]) and numbers[name] >= least):
+            said = words.get(name, f"--{name.replace('_', '-')}")
+            problems.append(f"{said} {text}: give a number of seconds{' from 0 on' if least == 0.0 else ''}.")
+    tolerances: list[tuple[str, Tolerance]] = []
+    for item in options.tolerance:
+        try:
+            tolerances.append(_tolerance(item))
+        except DescriptionError as error:
+            problems += error.problems
+    if options.plot is not None:
+        from ..result.plots import check_picture
+
+        problems += _problems(lambda: check_picture(options.plot))
+    if options.report is not None:
+        from ..result.report import check_report
+
+        problems += _problems(lambda: check_report(options.report))
+    if problems:
+        raise DescriptionError(problems)
+    return numbers, tolerances
+
+
+def _problems(check: Any) -> list[str]:
+    try:
+        check()
+    except DescriptionError as error:
+        return list(error.problems)
+    return []
+
+
+_VALUE = re.compile(r"(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(?P<unit>\S*)")
+
+
+def _tolerance(item: str) -> tuple[str, Tolerance]:
+    """Name and tolerance of ``NAME=VALUE`` or ``VALUE``; the name is empty for all. Raises DescriptionError."""
+    from ..result.compare import Tolerance
+    from ..units import parse_unit
+
+    name, _, text = item.rpartition("=")
+    match = _VALUE.fullmatch(text.strip())
+    if match is None:
+        raise DescriptionError(f"--tolerance {item}: give a number, such as 1e-6, 2um or 1%.")
+    number, unit = float(match["number"]), match["unit"]
+    if number < 0.0 or not math.isfinite(number):
+        raise DescriptionError(f"--tolerance {item}: must be a finite number that is not negative.")
+    if unit == "%":
+        return name, Tolerance(relative=number / 100.0)
+    if unit:
+        parse_unit(unit)
+    return name, Tolerance(absolute=number, unit=unit)
+
+
+def _tolerances(
+    given: Sequence[tuple[str, Tolerance]],
+    signals: Mapping[str, str] | None,
+    sources: Sequence[Result | Record],
+    time: float,
+) -> dict[str, Tolerance] | None:
+    """The tolerances by name; those for all signals are of each that has none of its own. None if there are none."""
+    from ..result.align import common_names, side_of
+    from ..result.compare import Tolerance
+
+    if not given and not time:
+        return None
+    every: list[Tolerance] = [entry for name, entry in given if not name]
+    own: dict[str, list[Tolerance]] = {}
+    for name, entry in given:
+        if name:
+            own.setdefault(name, []).append(entry)
+    a, b = (side_of(source, "") for source in sources)
+    names = list(signals) if signals is not None else common_names(a, b)
+    chosen = {name: own.get(name, every) for name in (*names, *own)}
+    if every or not own:
+        chosen = {name: entries or [Tolerance()] for name, entries in chosen.items()}
+    return {name: replace(_sum(entries), time=time) for name, entries in chosen.items() if entries}
+
+
+def _sum(entries: Sequence[Tolerance]) -> Tolerance:
+    """Both kinds of tolerances of a signal in one; of several of one kind the last counts."""
+    from ..result.compare import Tolerance
+
+    found = Tolerance()
+    for entry in entries:
+        if entry.relative:
+            found = replace(found, relative=entry.relative)
+        else:
+            found = replace(found, absolute=entry.absolute, unit=entry.unit)
+    return found
+
+
+# Sides.
+
+
+def _opened(options: argparse.Namespace, numbers: Mapping[str, float]) -> list[System | Result | Record]:
+    """Both sides read and checked, nothing run. Raises DescriptionError with the problems of both."""
+    problems: list[str] = []
+    sides: list[System | Result | Record] = []
+    both: dict[str, object] = {}
+    only_b: dict[str, object] = {}
+    problems += _problems(lambda: both.update(given_values(options.values)))
+    problems += _problems(lambda: only_b.update(given_values(options.set_b)))
+    for text, values in ((options.a, both), (options.b, {**both, **only_b})):
+        try:
+            sides.append(_side(text, values, options, numbers["sampling_time"]))
+        except DescriptionError as error:
+            problems += [problem for problem in error.problems if problem not in problems]
+    if not problems:
+        records = [_is_record(text) for text in (options.a, options.b)]
+        if all(records) and (options.values or options.stop_time is not None):
+            problems.append("--set and --stop-time are of runs, and both sides are records. Leave them out.")
+        if records[1] and options.set_b:
+            problems.append(f"--set-b is of a run, and {options.b} is a record. Leave it out.")
+    if problems:
+        raise DescriptionError(problems)
+    return sides
+
+
+def _is_record(text: str) -> bool:
+    from ..record.tables import TEXT
+
+    return Path(text).suffix.lower() in (*TEXT, ".parquet", ".mat")
+
+
+def _side(
+    text: str, values: Mapping[str, object], options: argparse.Namespace, sampling_time: float
+) -> System | Result | Record:
+    if _is_record(text):
+        return open_record(text, options.time, sampling_time or None, options.units)
+    from ..system.system import read_system
+
+    return read_system(text, values, fmus=options.fmus, stop_time=options.stop_time)
+
+
+def open_record(
+    text: str | Path, time: str | None, sampling_time: float | None, units: Sequence[str]
+) -> Result | Record:
+    """A record, or the result of a run, from a file. Raises DescriptionError."""
+    from ..record.read import read_record
+
+    stated = {name: unit for name, _, unit in (item.rpartition("=") for item in units)}
+    if time is None and sampling_time is None and not stated:
+        from ..result.read import holds_result, read_result
+
+        if holds_result(Path(text)):
+            return read_result(text)
+    return read_record(text, time=time, sampling_time=sampling_time, units=stated)
+
+
+def _labels(options: argparse.Namespace) -> tuple[str, str]:
+    """Short names of both sides, which differ."""
+    names = [Path(text).name or text for text in (options.a, options.b)]
+    if options.set_b:
+        names[1] += f" ({', '.join(options.set_b)})"
+    if names[0] == names[1]:
+        names = [options.a, options.b]
+    if names[0] == names[1]:
+        names = [f"A: {names[0]}", f"B: {names[1]}"]
+    return names[0], names[1]
+
+
+def _source(side: System | Result | Record) -> Result | Record:
+    """What a side recorded; a system is run. Raises RunError if that fails."""
+    from ..system.system import System
+
+    if not isinstance(side, System):
+        return side
+    from ..master.isolation import simulate_isolated
+
+    length = float(side.stop_time - side.start_time)
+    for note in side.notes:
+        print_note(f"note: {side.name}: {note}")
+    with Bar(side.name) as bar:
+        return simulate_isolated(side, progress=lambda share: bar.update(share * length, length))
+
+
+# What is shown.
+
+
+def _write(found: Comparison, options: argparse.Namespace, sources: Sequence[Result | Record]) -> bool:
+    """Write picture and page; whether that went well."""
+    from ..result.compare_report import plot_comparison, report_comparison
+
+    well = True
+    try:
+        if options.plot is not None:
+            plot_comparison(found, options.plot)
+        if options.report is not None:
+            report_comparison(found, options.report, (sources[0], sources[1]))
+    except CosimError as error:
+        print_error(str(error))
+        well = False
+    return well
+
+
+def _show(found: Comparison) -> None:
+    console = standard_output()
+    for note in (f"Compared: {found.how}.", *found.notes):
+        console.print(escape(note), soft_wrap=True)
+    headings = ("Signal", "Unit", "Largest", "at [s]", "rms", "mean", "Fit [%]", "Tolerance")
+    table = make_table(*headings, right=headings[2:7], whole=headings[2:7], title=f"{found.b} minus {found.a}")
+    for entry in found.differences:
+        name = entry.name if entry.name == entry.other else f"{entry.name} / {entry.other}"
+        numbers = [_number(value) for value in (entry.maximum, entry.at, entry.rms, entry.mean, entry.fit)]
+        table.add_row(escape(name), escape(entry.unit), *numbers, _verdict(entry))
+    console.print(table)
+    if found.tracking:
+        table = make_table("", "", "", right=("1",), whole=("1",), title="Tracking errors")
+        for entry in found.tracking:
+            for said, value in (
+                (f"{entry.loop}: rms of {found.a}", entry.rms_a),
+                (f"{entry.loop}: rms of {found.b}", entry.rms_b),
+                (f"{entry.loop}: difference, largest", entry.maximum),
+                (f"{entry.loop}: difference, rms", entry.rms),
+            ):
+                table.add_row(escape(said), _number(value), escape(entry.unit))
+        console.print(table)
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "none"
+
+
+def _verdict(entry: Difference) -> str:
+    if entry.tube is None:
+        return ""
+    out = entry.outside
+    return "within" if out is None else f"outside: {100.0 * out.share:.3g} %, from {out.first:.6g} s on"
+
+
+def _content(found: Comparison, options: argparse.Namespace) -> dict[str, Any]:
+    return {
+        "a": found.a,
+        "b": found.b,
+        "within": found.within,
+        "compared": found.how,
+        "delay_seconds": found.delay,
+        "estimated_delay_seconds": found.estimated_delay,
+        "signals": [
+            {
+                "name": entry.name,
+                "other": entry.other,
+                "unit": entry.unit,
+                "max": entry.maximum,
+                "at_seconds": entry.at,
+                "rms": entry.rms,
+                "mean": entry.mean,
+                "relative": entry.relative,
+                "fit_percent": entry.fit,
+                "peak_hertz": None if entry.spectrum is None else entry.spectrum.peak_frequency,
+                "peak_amplitude": None if entry.spectrum is None else entry.spectrum.peak_amplitude,
+                "within": None if entry.tube is None else entry.outside is None,
+                "outside": None if entry.outside is None else asdict(entry.outside),
+            }
+            for entry in found.differences
+        ],
+        "tracking": [asdict(entry) for entry in found.tracking],
+        "notes": list(found.notes),
+        "plot": None if options.plot is None else str(options.plot),
+        "report": None if options.report is None else str(options.report),
+    }

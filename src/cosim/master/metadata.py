@@ -1,0 +1,99 @@
+"""What is known about a run before it begins: metadata and columns of its result."""
+
+from __future__ import annotations
+
+import contextlib
+import platform
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+from ..fmu.variables import Variable
+from ..record.description import Column
+from ..system.parts import Connection
+from ..system.system import System
+from .instance import fmpy
+
+
+def result_columns(system: System) -> tuple[Column, ...]:
+    """The columns of the rows that a run of ``system`` records."""
+    return tuple(_column(f"{name}.{v}", system.variable(name, v)) for name, v in system.record)
+
+
+def system_metadata(system: System) -> dict[str, Any]:
+    """What is known about a run before it begins."""
+    return {
+        "system": system.name,
+        "description": system.description,
+        "system_digest": system.digest,
+        "start_time": float(system.start_time),
+        "stop_time": float(system.stop_time),
+        "step_size": float(system.step_size),
+        "order": system.order if isinstance(system.order, str) else list(system.order),
+        "evaluation_order": list(system.evaluation_order),
+        "tolerance": system.tolerance,
+        "decimation": system.decimation,
+        "connections": [str(connection) for connection in system.connections],
+        "wires": [_wire(system, connection) for connection in system.connections],
+        "transformations": {
+            str(c): [c.factor, c.offset] for c in system.connections if (c.factor, c.offset) != (1.0, 0.0)
+        },
+        "fmus": {
+            i.name: {
+                "fmu": i.fmu.name,
+                "digest": i.fmu.digest,
+                "fmi": i.fmu.fmi,
+                "version": i.fmu.version,
+                "description": i.fmu.description,
+            }
+            for i in system.instances
+        },
+        "signals": {s.name: {"file": str(s.path), "digest": s.digest} for s in system.signals},
+        "start_values": _start_values(system),
+        "notes": list(system.notes),
+        "versions": dict(_versions()),
+    }
+
+
+def _wire(system: System, connection: Connection) -> dict[str, Any]:
+    """A connection by its parts, with the units of source and target ("" where there is none)."""
+    source, target = connection.source, connection.target
+    units = [system.variable(*end).unit or "" for end in (source, target)]
+    wire: dict[str, Any] = {"from": list(source), "to": list(target), "units": units, "factor": connection.factor}
+    return wire if connection.noise is None else {**wire, "noise": connection.noise.rms}
+
+
+def _start_values(system: System) -> dict[str, dict[str, Any]]:
+    """The start values that differ from those of the FMU, each with its unit and the one that it replaces."""
+    found: dict[str, dict[str, Any]] = {}
+    for instance in system.instances:
+        for name, value in instance.start.items():
+            variable = instance.fmu.variables[name]
+            if value != variable.start:
+                shown = {number: item for item, number in variable.items.items()}
+                own = variable.start
+                found[f"{instance.name}.{name}"] = {
+                    "value": shown.get(value, value) if isinstance(value, int) else value,
+                    "fmu": shown.get(own, own) if isinstance(own, int) else own,
+                    "unit": variable.unit or "",
+                }
+    return found
+
+
+def _column(name: str, variable: Variable) -> Column:
+    unit = variable.unit or "1"
+    shown = variable.display_unit
+    if shown is None:
+        return Column(name, unit, variable.description, unit)
+    return Column(name, unit, variable.description, shown.name, shown.factor, shown.offset)
+
+
+@cache
+def _versions() -> Mapping[str, str]:
+    from importlib.metadata import PackageNotFoundError, version  # takes longer than what is done with it
+
+    found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
+    with contextlib.suppress(PackageNotFoundError):
+        found["motion-cosim"] = version("motion-cosim")
+    return MappingProxyType(found)

@@ -1,0 +1,334 @@
+"""Two recordings compared: runs, records, or one of each.
+
+``a`` is the reference (a measurement, a published trace), ``b`` what is judged by it; a difference is b minus a, in the
+unit of a. Every step that changes values is said: conversion of units, delay, interpolation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from ..errors import DescriptionError, suggest
+from ..record.read import Record
+from ..units import conversion
+from .align import Pairs, estimate_delay, pair, resample, side_of
+from .metrics import Array, max_abs, mean, rms, sine_amplitude
+from .result import Result
+from .summary import loops
+
+SEGMENTS = 8
+"""Segments over which a spectrum is averaged: fewer is rough, more has no low frequencies."""
+WORTH_SAYING = 0.05
+"""Of a step: a delay below it moves no sample."""
+
+Shift = float | Literal["estimate"]
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """A tube around ``a``: ``absolute`` plus ``relative`` times the range of a, within ``time`` seconds."""
+
+    absolute: float = 0.0
+    relative: float = 0.0
+    time: float = 0.0
+    unit: str = ""
+    """Of ``absolute``; that of the signal if it is empty."""
+
+
+@dataclass(frozen=True)
+class Outside:
+    """Samples of ``b`` outside its tube."""
+
+    count: int
+    share: float
+    """Of all samples."""
+    first: float
+    """Time of the first, s."""
+    excess: float
+    """Farthest from the tube, in the unit of the signal."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """One-sided amplitude spectral density of a difference; its square integrates to the variance (Welch 1967)."""
+
+    frequency: Array
+    """Hz, without 0."""
+    density: Array
+    """Unit of the signal per square root of Hz."""
+    peak_frequency: float
+    """Of the largest component of the whole difference, Hz."""
+    peak_amplitude: float
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A signal of both sides at common times. Figures are NaN where a sample is not finite."""
+
+    name: str
+    other: str
+    """The name in ``b``."""
+    unit: str
+    time: Array
+    a: Array
+    b: Array
+    maximum: float
+    """Largest magnitude of b - a."""
+    at: float
+    """Time of it, s."""
+    rms: float
+    mean: float
+    relative: float
+    """``maximum`` as a share of the range (largest minus smallest) of a; NaN if a does not vary."""
+    fit: float
+    """100 * (1 - norm(b - a) / norm(a - mean(a))) %: the NRMSE fit of system identification; NaN if a does not vary."""
+    spectrum: Spectrum | None
+    tube: tuple[Array, Array] | None = None
+    """Lower and upper limits of b, if there is a tolerance."""
+    outside: Outside | None = None
+    """None if all samples are inside, or without a tolerance."""
+
+    @property
+    def difference(self) -> Array:
+        """b - a."""
+        return self.b - self.a
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """The tracking errors (position minus reference) of a loop on both sides, in the unit of its position."""
+
+    loop: str
+    unit: str
+    rms_a: float
+    rms_b: float
+    maximum: float
+    """Largest difference of the two errors."""
+    rms: float
+    """Of the difference of the two errors."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two recordings compared."""
+
+    a: str
+    b: str
+    differences: tuple[Difference, ...]
+    tracking: tuple[Tracking, ...]
+    delay: float
+    """Seconds by which b was moved back before it was compared."""
+    estimated_delay: float
+    """Seconds by which b lags behind a as they were recorded, by its best fit; NaN if that cannot be told."""
+    how: str
+    """At which times both were compared, and who was interpolated."""
+    notes: tuple[str, ...]
+
+    @property
+    def within(self) -> bool:
+        """Whether every signal with a tolerance is inside its tube."""
+        return all(entry.outside is None for entry in self.differences)
+
+    def __getitem__(self, name: str) -> Difference:
+        """The difference of a signal, by its name in ``a``. Raises DescriptionError."""
+        for entry in self.differences:
+            if entry.name == name:
+                return entry
+        raise DescriptionError(f"'{name}' was not compared.{suggest(name, (d.name for d in self.differences))}")
+
+
+def compare(
+    a: Result | Record,
+    b: Result | Record,
+    signals: Mapping[str, str] | Sequence[str] | None = None,
+    *,
+    tolerance: Tolerance | Mapping[str, Tolerance] | None = None,
+    delay: Shift = 0.0,
+    interpolation: Literal["linear", "hold"] = "linear",
+    start: float = -math.inf,
+    stop: float = math.inf,
+    labels: tuple[str, str] = ("a", "b"),
+) -> Comparison:
+    """Compare ``b`` with the reference ``a``.
+
+    ``signals``: ``{name in a: name in b}``, names that both have, or None for all of those. Units are converted; where
+    one side says none the other's counts. ``tolerance``: for all signals, or by name in a. ``delay`` moves b back by so
+    many seconds; ``"estimate"`` by those at which both fit best. The side with longer steps keeps its samples, the
+    other is interpolated between its own. ``start`` and ``stop``: seconds of a that are compared.
+    Raises DescriptionError for names, units and times that do not fit together.
+    """
+    pairs = pair(side_of(a, labels[0]), side_of(b, labels[1]), signals)
+    tolerances = _tolerances(tolerance, pairs.a.units)
+    estimated = estimate_delay(pairs, everywhere=delay == "estimate")
+    moved = estimated if delay == "estimate" else float(delay)
+    if not math.isfinite(moved):
+        raise DescriptionError(
+            f"the delay of {labels[1]} cannot be estimated: no signal varies on both sides. Give it in seconds."
+            if delay == "estimate"
+            else f"delay {moved}: give a finite number of seconds."
+        )
+    hold = interpolation == "hold"
+    time, of_a, of_b, how = resample(pairs, moved, hold=hold, interval=(start, stop))
+    differences = tuple(
+        _difference((name, other, unit), time, (of_a[name], of_b[name]), tolerances.get(name))
+        for (name, other), unit in zip(pairs.names, pairs.units, strict=True)
+    )
+    notes = [*pairs.notes, *_delay_notes(labels[1], moved, estimated, min(pairs.a.step, pairs.b.step))]
+    tracking = _tracking(pairs, (a, b), of_a, of_b, notes)
+    return Comparison(*labels, differences, tracking, moved, estimated, how, tuple(notes))
+
+
+def _delay_notes(label: str, moved: float, estimated: float, step: float) -> list[str]:
+    """What is said of the delay of ``b``."""
+    if moved:
+        way = "back" if moved > 0.0 else "forward"
+        return [f"{label} is moved {way} by {abs(moved):.6g} s before it is compared."]
+    if math.isfinite(estimated) and abs(estimated) > WORTH_SAYING * step:
+        word = "lags behind" if estimated > 0.0 else "leads"
+        return [f"{label} {word} by {abs(estimated):.3g} s, as it fits best. It is compared as it was recorded."]
+    return []
+
+
+def _tolerances(given: Tolerance | Mapping[str, Tolerance] | None, units: Mapping[str, str]) -> dict[str, Tolerance]:
+    """The tolerance of each signal in its own unit; ``units`` by name. Raises DescriptionError with all problems."""
+    if given is None:
+        return {}
+    found = dict.fromkeys(units, given) if isinstance(given, Tolerance) else dict(given)
+    problems: list[str] = []
+    for name, entry in found.items():
+        if name not in units:
+            problems.append(f"tolerance: '{name}' is not compared.{suggest(name, units)}")
+        elif not all(math.isfinite(part) and part >= 0.0 for part in (entry.absolute, entry.relative, entry.time)):
+            problems.append(f"tolerance of {name}: give finite numbers that are not negative.")
+        elif entry.unit not in ("", units[name]):
+            try:
+                factor = conversion(entry.unit, units[name])
+            except DescriptionError as error:
+                problems.append(f"tolerance of {name}: {error}")
+            else:
+                found[name] = replace(entry, absolute=factor * entry.absolute, unit=units[name])
+    if problems:
+        raise DescriptionError(problems)
+    return found
+
+
+def _difference(
+    said: tuple[str, str, str], time: Array, values: tuple[Array, Array], tolerance: Tolerance | None
+) -> Difference:
+    """The difference of a signal; ``said``: its names on both sides and its unit."""
+    a, b = values
+    off = b - a
+    finite = bool(np.all(np.isfinite(off)))
+    span = float(np.ptp(a)) if finite else math.nan
+    norm = float(np.linalg.norm(a - np.mean(a))) if finite else math.nan
+    tube = None if tolerance is None else _tube(time, a, tolerance)
+    return Difference(
+        *said,
+        time,
+        a,
+        b,
+        maximum=max_abs(off),
+        at=float(time[int(np.argmax(np.abs(off)))]),
+        rms=rms(off),
+        mean=mean(off),
+        relative=max_abs(off) / span if span > 0.0 else math.nan,
+        fit=100.0 * (1.0 - float(np.linalg.norm(off)) / norm) if norm > 0.0 else math.nan,
+        spectrum=spectrum(time, off) if finite and time.size >= 2 * SEGMENTS else None,
+        tube=tube,
+        outside=None if tube is None else _outside(time, b, tube),
+    )
+
+
+def _tube(time: Array, a: Array, tolerance: Tolerance) -> tuple[Array, Array]:
+    """Smallest and largest value of ``a``, linear between samples, within the tolerance of time, widened."""
+    finite = a[np.isfinite(a)]
+    width = tolerance.absolute + tolerance.relative * (float(np.ptp(finite)) if finite.size else 0.0)
+    low, high = a.copy(), a.copy()
+    if tolerance.time > 0.0:
+        # At the ends of the window of time the line between two samples counts, in between every sample.
+        ends = [np.interp(time + shift, time, a) for shift in (-tolerance.time, tolerance.time)]
+        first = np.searchsorted(time, time - tolerance.time, side="left")
+        last = np.searchsorted(time, time + tolerance.time, side="right")
+        low = np.minimum(np.minimum(*ends), _over(np.minimum, a, first, last))
+        high = np.maximum(np.maximum(*ends), _over(np.maximum, a, first, last))
+    return low - width, high + width
+
+
+def _over(extreme: np.ufunc, values: Array, first: Any, last: Any) -> Array:
+    """The extreme of ``values[first:last]`` for every window, from the extremes over powers of two (sparse table)."""
+    levels = [values]
+    while 2 ** len(levels) <= int(np.max(last - first)):
+        half = 2 ** (len(levels) - 1)
+        levels.append(extreme(levels[-1][:-half], levels[-1][half:]))
+    level = np.floor(np.log2(last - first)).astype(np.intp)
+    found = np.empty_like(values)
+    for number, table in enumerate(levels):
+        here = level == number
+        found[here] = extreme(table[first[here]], table[last[here] - 2**number])
+    return found
+
+
+def _outside(time: Array, b: Array, tube: tuple[Array, Array]) -> Outside | None:
+    excess = np.maximum(tube[0] - b, b - tube[1])
+    out = np.flatnonzero(~(excess <= 0.0))  # what is not finite is outside
+    if not out.size:
+        return None
+    farthest = float(np.max(excess))
+    return Outside(int(out.size), out.size / time.size, float(time[out[0]]), farthest)
+
+
+def spectrum(time: Array, signal: Array) -> Spectrum:
+    """The spectrum of a signal: Welch's mean of ``SEGMENTS`` segments, half overlapping, each with a Hann window.
+
+    Uneven times are made even by linear interpolation at their mean step.
+    """
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    even: Array = time[0] + step * np.arange(time.size, dtype=np.float64)
+    values: Array = signal if np.allclose(time, even, rtol=0.0, atol=1e-3 * step) else np.interp(even, time, signal)
+    # Segments of length n that overlap by half: (SEGMENTS + 1)*n/2 samples.
+    length = 2 * (time.size // (SEGMENTS + 1))
+    hann = 0.5 - 0.5 * np.cos(2.0 * math.pi * np.arange(length) / length)
+    power = np.zeros(length // 2 + 1)
+    for k in range(SEGMENTS):
+        segment = values[k * length // 2 :][:length]
+        power += np.abs(np.fft.rfft(hann * (segment - np.mean(segment)))) ** 2
+    power *= 2.0 * step / (SEGMENTS * float(np.sum(hann**2)))
+    whole = 0.5 - 0.5 * np.cos(2.0 * math.pi * np.arange(time.size) / time.size)
+    lines = np.abs(np.fft.rfft(whole * (values - np.mean(values))))
+    peak = float(np.argmax(lines[1:]) + 1) / (time.size * step)
+    density, frequency = np.sqrt(power[1:]), np.arange(1.0, length // 2 + 1.0) / (length * step)
+    return Spectrum(frequency, density, peak, sine_amplitude(even, values, peak))
+
+
+def _tracking(
+    pairs: Pairs,
+    sources: tuple[Result | Record, Result | Record],
+    of_a: Mapping[str, Array],
+    of_b: Mapping[str, Array],
+    notes: list[str],
+) -> tuple[Tracking, ...]:
+    """The tracking errors of the loops, known on either side, whose reference and position are compared."""
+    names_of_b = {other: name for name, other in pairs.names}
+    units = dict(zip((name for name, _ in pairs.names), pairs.units, strict=True))
+    found: dict[tuple[str, str], Tracking] = {}
+    for source, own in zip(sources, ({name: name for name in of_a}, names_of_b), strict=True):
+        for loop in loops(source) if isinstance(source, Result) else ():
+            reference, position = own.get(loop.reference), own.get(loop.position)
+            if reference is None or position is None or (reference, position) in found:
+                continue
+            try:
+                factor = conversion(units[reference], units[position])
+            except DescriptionError as error:
+                notes.append(f"no tracking error of {loop.name}: {error}")
+                continue
+            errors = [side[position] - factor * side[reference] for side in (of_a, of_b)]
+            off = errors[1] - errors[0]
+            found[reference, position] = Tracking(
+                loop.name, units[position], rms(errors[0]), rms(errors[1]), max_abs(off), rms(off)
+            )
+    return tuple(found.values())
