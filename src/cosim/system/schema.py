@@ -80,7 +80,7 @@ class SystemData(Table):
 
     base: Text | None = None
     description: Annotated[str, Field()] = ""
-    connections: list[Arrow | ConnectionData] = Field(default_factory=list)
+    connections: list[Arrow | ConnectionData] = Field(default_factory=list[Arrow | ConnectionData])
     experiment: ExperimentData = ExperimentData()
     instances: Mapping[Name, InstanceData] = {}
     signals: Mapping[Name, SignalEntry] = {}
