@@ -271,6 +271,13 @@ def test_a_record_ends_the_run(folder: Path, experiment: dict[str, Any], steps: 
     assert bool(told) == (experiment.get("stop_time") == 1.0)
 
 
+def test_a_record_that_cannot_be_read_is_the_only_problem(folder: Path) -> None:
+    (problem,) = problems(folder, {"file": "lg.csv", "extend": "stop"}, experiment={"step_size": 0.001}, connections=[])
+    assert "no such file" in problem
+    (problem,) = problems(folder, experiment={"step_size": 0.001})
+    assert "experiment.stop_time: missing" in problem
+
+
 def test_a_run_that_a_record_ends_has_whole_steps_of_every_instance(folder: Path) -> None:
     instances = {"a": {"fmu": "Probe", "step_multiple": 4}}
     system = made(folder, {"extend": "stop"}, experiment={"step_size": 0.001}, instances=instances)
