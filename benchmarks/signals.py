@@ -2,9 +2,9 @@
 
 A loop of controller and ballscrew stage follows a sine. First the source is the FMU Trajectory, and the run is written
 as CSV; then the record replaces the source, held or interpolated, without and with noise on the measured position. The
-kinds of run take turns; the figures are medians of processor time. ``share`` is the part of the run that is spent on filling the table
-of values. The record held gives the same bits as the FMU, which is checked. Reading the file is timed apart: it is done
-once a process, for all runs.
+kinds of run take turns; the figures are medians of processor time. ``share`` is the part of the run that is spent on
+filling the table of values. The record held gives the same bits as the FMU, which is checked. Reading the file is timed
+apart: it is done once a process, for all runs.
 """
 
 from __future__ import annotations
