@@ -48,7 +48,7 @@ double controller_at(double t, const double *u) {{
 void plant_start(void) {{ {start} }}
 const double *plant_at(double t, double end, double command) {{
     Problem problem = {{variant(&s)->derivative, variant(&s)->jacobian, variant(&s)->update, inputs(&s), parameters(&s),
-                       s.c, nominals, s.v[PARAMETER_TOLERANCE], MAX_STEPS}};
+                       s.c, nominals, s.v[PARAMETER_TOLERANCE], MAX_ATTEMPTS}};
     inputs(&s)[0] = command;
     if (end > t && integrate(&problem, &s.integrator, t, end, states(&s))) abort();
     variant(&s)->output(end, states(&s), inputs(&s), parameters(&s), s.c, outputs(&s));

@@ -317,6 +317,25 @@ def test_adjoint_and_directional_derivatives_are_one_matrix(fmi3: Path, name: st
         rows = [fmu.fmu.getAdjointDerivative([unknown], knowns, [1.0], len(knowns)) for unknown in unknowns]
         assert np.array_equal(np.array(columns).T, np.array(rows))
         assert np.any(np.array(columns))
+        # Along several knowns at once, and of several unknowns: sums, up to the rounding of their few terms.
+        matrix = np.array(rows)
+        seed, weights = 1.0 + np.arange(len(knowns)), 1.0 - 2.0 * np.arange(len(unknowns))
+        along = fmu.fmu.getDirectionalDerivative(unknowns, knowns, seed.tolist())
+        assert along == pytest.approx(matrix @ seed, rel=1e-14, abs=1e-14 * np.abs(matrix).max())
+        adjoint = fmu.fmu.getAdjointDerivative(unknowns, knowns, weights.tolist(), len(knowns))
+        assert adjoint == pytest.approx(weights @ matrix, rel=1e-14, abs=1e-14 * np.abs(matrix).max())
+
+
+def test_notes_are_told_when_initialization_and_the_run_end(fmi3: Path) -> None:
+    with Instance(fmi3 / "BallscrewStage.fmu") as fmu:
+        fmu.initialize({"F_C": 6.0, "F_S": 5.0})
+        assert "fmi3ExitInitializationMode: F_C = 6 N.m is above F_S = 5 N.m" in fmu.messages[0]
+        fmu.set({"command": 12.0})
+        for k in range(3):
+            fmu.fmu.doStep(k * 1e-3, 1e-3)
+        assert len(fmu.messages) == 1
+        fmu.fmu.terminate()
+        assert "fmi3Terminate: largest_speed = " in fmu.messages[1]
 
 
 # ---- refusals ----

@@ -161,7 +161,9 @@ def spectral_radius(plant: Plant, controller: NctfPi) -> float:
 
     def sample(vector: np.ndarray) -> np.ndarray:
         x, inner = vector[:n], (vector[n:] * MICRO_STEP).tolist()
-        state = kinds(**unflatten(kinds, iter([inner[0], 1.0, inner[1], inner[2], inner[3]])))
+        state = kinds(
+            integral=inner[0], started=1.0, position_last=inner[1], velocity_last=inner[2], command_last=inner[3]
+        )
         u = controller.Input(position=float(x[0]) * MICRO_STEP)
         y = controller.output(0.0, state, u)
         after = controller.update(0.0, state, u, y)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -330,9 +331,36 @@ def test_integration_failure_is_discard_with_time_reached(native: Path) -> None:
         fmu.set({"command": 1e306})
         status = next(s for k in range(100) if (s := fmu.step_status(k * 1.0, 1.0)) != OK)
         assert status == DISCARD
-        assert "integration stopped at t = " in fmu.messages[-1]
+        assert re.search(r"integration with tolerance 5e-09 stopped at t = \S+ s, at ", fmu.messages[-1])
+        assert fmu.messages[-1].endswith("Check inputs and parameters, or make the tolerance smaller.")
         assert 0.0 <= fmu.fmu.getRealStatus(2) < 100.0
         fmu.fmu.terminate()
+
+
+def test_a_tolerance_that_rounding_does_not_reach_is_to_be_made_larger(native: Path) -> None:
+    """Where an element of Maxwell slip begins to slip, its rate jumps."""
+    with Instance(native / "BallscrewStageMaxwellSlip.fmu") as fmu:
+        fmu.initialize({"tolerance": 1e-12})
+        for k in range(100):
+            fmu.set({"command": 12.0 * math.sin(0.1257 * k)})
+            if fmu.step_status(k * 1e-2, 1e-2) != OK:
+                break
+        assert "with tolerance 1e-12 stopped" in fmu.messages[-1]
+        assert (
+            "the step size became too small. Check inputs and parameters, or make the tolerance larger."
+            in (fmu.messages[-1])
+        )
+
+
+def test_a_step_of_too_much_work_is_to_be_made_shorter(native: Path) -> None:
+    """A friction that swings a million times."""
+    with Instance(native / f"{PLANT}.fmu") as fmu:
+        fmu.initialize({"drift_amplitude": 0.5, "drift_frequency": 1e3})
+        fmu.set({"command": 12.0})
+        assert fmu.step_status(0.0, 1e3) == DISCARD
+        assert fmu.messages[-1].endswith(
+            "too many steps. Check inputs and parameters, or make the communication step shorter."
+        )
 
 
 # ---- tolerance, instances, threads ----

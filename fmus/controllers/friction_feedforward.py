@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from cosim.model import Controller, Experiment, Record, parameter, sign, variable, where
-from fmus.physics.lugre import friction, friction_level, observer_step
+from cosim.model import Controller, Experiment, Note, Record, parameter, sign, variable, where
+from fmus.physics.lugre import friction, friction_level, observer_step, rising_note
 
 
 class FrictionFeedforward(Controller):
@@ -50,6 +50,9 @@ class FrictionFeedforward(Controller):
     class Output(Record):
         command: float = variable(0.0, "N", "Force with the friction of the model", nominal=100.0)
         friction_hat: float = variable(0.0, "N", "Friction of the model at the reference velocity", nominal=100.0)
+
+    def notes(self, x: State) -> tuple[Note, ...]:
+        return (rising_note(self.F_C_hat, self.F_S_hat, "N", "F_C_hat", "F_S_hat"),)
 
     def bristles(self, x: State, u: Input) -> tuple[float, float]:
         """Deflection in the friction model before and at this sample [m]."""

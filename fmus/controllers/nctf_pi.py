@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from cosim.model import Controller, Experiment, Record, Rule, both, parameter, round_to, variable, where
+from cosim.model import Controller, Experiment, Note, Record, Rule, both, maximum, parameter, round_to, variable, where
 from fmus.physics.nct import REFERENCE_ERROR, REFERENCE_RATE, nct_rate
 from fmus.physics.sampling import VelocitySource, saturate, velocity_estimate
 
@@ -62,6 +62,7 @@ class NctfPi(Controller):
         position_last: float = variable(0.0, "m", "Position of the sample before")
         velocity_last: float = variable(0.0, "m/s", "Velocity estimate of the sample before")
         command_last: float = variable(0.0, "A", "Command computed at the sample before")
+        largest_error: float = variable(0.0, "m", "Largest magnitude of error since the start", display_unit="um")
 
     class Input(Record):
         position_ref: float = variable(0.0, "m", "Position reference", display_unit="mm")
@@ -83,6 +84,13 @@ class NctfPi(Controller):
             ascending = both(ascending, self.nct_error[i] <= self.nct_error[i + 1])
         text = "nct.error must ascend from 0. Sort the nodes; repeat the last one to give fewer."
         return (Rule(ascending, text), Rule(self.nct_rate[0] <= 0.0, "nct.rate[1] must be 0: the NCT ends at rest."))
+
+    def notes(self, x: State) -> tuple[Note, ...]:
+        last = len(self.nct_error)
+        text = (
+            "the NCT says nothing there, its last rate is held. Identify it with a longer move, or move less at once."
+        )
+        return (Note("largest_error", x.largest_error, f"nct.error[{last}]", self.nct_error[-1], "m", text),)
 
     def output(self, t: float, x: State, u: Input) -> Output:
         position = round_to(u.position, self.sensor_resolution)
@@ -123,4 +131,5 @@ class NctfPi(Controller):
             position_last=round_to(u.position, self.sensor_resolution),
             velocity_last=y.velocity_hat,
             command_last=saturate(self.K_P * y.rate_error + y.integral, self.command_max),
+            largest_error=maximum(x.largest_error, abs(y.error)),
         )

@@ -6,13 +6,32 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from cosim.model import Experiment, Plant, Record, Rule, both, clip, either, parameter, round_to, sin, variable, where
+from cosim.model import (
+    Experiment,
+    Note,
+    Plant,
+    Record,
+    Rule,
+    both,
+    clip,
+    either,
+    maximum,
+    minimum,
+    parameter,
+    round_to,
+    sin,
+    variable,
+    where,
+)
 from fmus.physics.lugre import (
     BRISTLE_NOMINAL,
     bristle_damping,
     bristle_rate,
     friction,
     friction_level,
+    passive_speed,
+    passivity_note,
+    rising_notes,
     steady_bristle,
 )
 from fmus.physics.sampling import saturate
@@ -114,6 +133,9 @@ class RigidBallscrew(Plant):
         angle: float = variable(0.0, "rad", "Angle of the screw", nominal=1e-2)
         speed: float = variable(0.0, "rad/s", "Speed of the screw", nominal=1e-2)
         table: float = variable(0.0, "m", "Position of the table, with play", nominal=1e-3, discrete=True)
+        largest_speed: float = variable(
+            0.0, "rad/s", "Largest magnitude of speed since the start", nominal=1e-2, discrete=True
+        )
 
     class Input(Record):
         command: float = variable(0.0, "N.m", "Torque of the motor")
@@ -131,6 +153,15 @@ class RigidBallscrew(Plant):
             *contact_rules("", self.F_C, self.F_S, self.F_C_negative, self.F_S_negative),
             drift_rule(self.drift_amplitude, self.drift_frequency),
         )
+
+    def notes(self, x: Any) -> tuple[Note, ...]:
+        return rising_notes(self.F_C, self.F_S, self.F_C_negative, self.F_S_negative, unit="N.m")
+
+    def least_level(self) -> float:
+        """The least that ``level`` falls to at any time and speed [N.m]."""
+        forward = minimum(self.F_C, self.F_S)
+        backward = minimum(self.F_C * self.F_C_negative, self.F_S * self.F_S_negative)
+        return self.friction_scale * (1.0 - self.drift_amplitude) * minimum(forward, backward)
 
     def level(self, t: float, speed: float) -> float:
         """Magnitude of the friction torque without its viscous part, in steady sliding at ``speed``."""
@@ -169,7 +200,7 @@ class RigidBallscrew(Plant):
         return clip(x.table, nut - self.play_positive, nut + self.play_negative)
 
     def update(self, t: float, x: Any, u: Any) -> Any:
-        return replace(x, table=self.pushed(x))
+        return replace(x, table=self.pushed(x), largest_speed=maximum(x.largest_speed, abs(x.speed)))
 
     def table_velocity(self, x: State, position: float) -> float:
         """Velocity of the table at ``position`` [m/s]: that of the nut, or 0 between the flanks of the play."""
@@ -208,6 +239,11 @@ class BristleBallscrew(RigidBallscrew):
 
     class State(RigidBallscrew.State):
         bristle: float = variable(0.0, "rad", "Deflection of the bristles", nominal=BRISTLE_NOMINAL)
+
+    def notes(self, x: State) -> tuple[Note, ...]:
+        limit = passive_speed(4.0 * self.least_level(), self.sigma_1, self.v_d)
+        bound = "4*min(F_C, F_S)/sigma_1"
+        return (*RigidBallscrew.notes(self, x), passivity_note(x.largest_speed, limit, "rad/s", bound=bound))
 
     def steady_bristle(self, speed: float) -> float:
         """Deflection of the bristle at the start [rad]."""

@@ -24,7 +24,10 @@ screw driven stage, Motion Control (IntechOpen), 2010, sec. 2.3 and eq. (3).
 
 from __future__ import annotations
 
-from cosim.model import exp, minimum, sign, where
+from cosim.model import Note, both, exp, minimum, sign, where
+
+ALWAYS = 1e100
+"""A speed that no contact reaches."""
 
 BRISTLE_NOMINAL = 1e-5
 """Order of magnitude of a bristle's deflection in rad: declare a state ``z`` with this nominal value."""
@@ -50,6 +53,46 @@ def bristle_damping(speed: float, sigma_1: float, v_d: float) -> float:
     # With v_d = 0 the exponent is 0, where exp is exactly 1 and costs next to nothing.
     per_speed = where(v_d > 0.0, 1.0 / where(v_d > 0.0, v_d, 1.0), 0.0)
     return sigma_1 * exp(-((speed * per_speed) ** 2))
+
+
+def passive_speed(bound: float, sigma_1: float, v_d: float) -> float:
+    """Speed up to which a damping sigma_1*exp(-(speed/v_d)^2) keeps to sigma_1*speed <= ``bound``; ALWAYS if at all.
+
+    ``bound`` in the unit of the friction: 4*level for LuGre friction; 0 where there is no contact.
+    abs(speed)*exp(-(speed/v_d)^2) is at most v_d/sqrt(2*e) = v_d/2.3316.
+    """
+    constant = where(both(sigma_1 > 0.0, bound > 0.0), bound / where(sigma_1 > 0.0, sigma_1, 1.0), ALWAYS)
+    return where(both(v_d > 0.0, v_d <= 2.3316 * constant), ALWAYS, constant)
+
+
+def passivity_note(
+    largest: float, limit: float, unit: str, *, name: str = "largest_speed", v_d: str = "v_d", bound: str
+) -> Note:
+    """Told after a run whose ``largest`` speed passed ``limit``, a ``passive_speed``; ``bound`` is its formula."""
+    text = (
+        "beyond it friction is not surely passive, a slow break-away may feed energy into the motion. "
+        f"{v_d} of at most 2.33 times that speed cures it."
+    )
+    return Note(name, largest, bound, limit, unit, text)
+
+
+def rising_note(F_C: float, F_S: float, unit: str, C: str = "F_C", S: str = "F_S") -> Note:
+    """Told where friction rises with speed, which is legal; ``C`` and ``S`` are the names of F_C and F_S."""
+    text = f"friction rises with speed, against Stribeck's effect. Exchange {C} and {S} unless this is meant."
+    return Note(C, F_C, S, F_S, unit, text)
+
+
+def rising_notes(
+    F_C: float, F_S: float, F_C_negative: float, F_S_negative: float, *, unit: str, prefix: str = ""
+) -> tuple[Note, ...]:
+    """``rising_note`` of a contact with factors for negative speed; ``prefix`` stands before its names in the text."""
+    # For negative speed only what the factors have made so: one note says it for both directions.
+    negative = where(F_C > F_S, 0.0, F_C * F_C_negative)
+    C, S = f"{prefix}F_C", f"{prefix}F_S"
+    return (
+        rising_note(F_C, F_S, unit, C, S),
+        rising_note(negative, F_S * F_S_negative, unit, f"{C}*F_C_negative", f"{S}*F_S_negative"),
+    )
 
 
 def friction(z: float, z_rate: float, speed: float, *, sigma_0: float, sigma_1: float, sigma_2: float) -> float:

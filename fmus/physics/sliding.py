@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from cosim.model import Choice, Controller, Record, clip, parameter, sign, variable, where
-from fmus.physics.lugre import bristle_damping, friction, friction_level, observer_step
+from cosim.model import Choice, Controller, Note, Record, clip, parameter, sign, variable, where
+from fmus.physics.lugre import bristle_damping, friction, friction_level, observer_step, rising_note
 from fmus.physics.sampling import VelocitySource, measured_velocity, winds_up
 
 
@@ -71,6 +71,9 @@ class SlidingController(Controller):
         acceleration_ref: float = variable(0.0, "m/s2", "Reference acceleration", nominal=1e-3, display_unit="mm/s2")
         position: float = variable(0.0, "m", "Measured position", nominal=1e-3, display_unit="mm")
         velocity: float = variable(0.0, "m/s", "Measured velocity", nominal=1e-3, display_unit="mm/s")
+
+    def notes(self, x: State) -> tuple[Note, ...]:
+        return (rising_note(self.F_C_hat, self.F_S_hat, "N.m", "F_C_hat", "F_S_hat"),)
 
     def measured_velocity(self, x: State, u: Input) -> float:
         """Velocity of the table [m/s]."""

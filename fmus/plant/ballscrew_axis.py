@@ -112,6 +112,9 @@ class BallscrewAxis(BristleBallscrew):
         """Factor of the friction level at ``angle``."""
         return 1.0 + harmonics(angle, self.friction_ripple, self.friction_order, self.friction_phase)
 
+    def least_level(self) -> float:
+        return BristleBallscrew.least_level(self) * (1.0 - self.friction_ripple[0] - self.friction_ripple[1])
+
     def nut(self, angle: float) -> float:
         ripple = harmonics(angle, (self.lead_ripple,), (1.0,), (self.lead_phase,))
         return self.l_p * (1.0 + self.lead_error) * angle + ripple

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cosim.model import Rule, parameter, sign, variable, where
+from cosim.model import Note, Rule, both, minimum, parameter, sign, variable, where
 from fmus.physics.ballscrew import RigidBallscrew
-from fmus.physics.lugre import bristle_damping
+from fmus.physics.lugre import ALWAYS, bristle_damping, passive_speed, passivity_note
 from fmus.physics.maxwell_slip import element_rate, slips_now
 
 
@@ -107,7 +107,15 @@ class BallscrewStageMaxwellSlip(RigidBallscrew):
             slips_now(F, slips, x.speed, level, alpha)
             for F, slips, alpha in zip(x.element, x.slips, self.alpha, strict=True)
         )
-        return replace(x, slips=(a, b, c, d), table=self.pushed(x))
+        return replace(RigidBallscrew.update(self, t, x, u), slips=(a, b, c, d))
+
+    def notes(self, x: State) -> tuple[Note, ...]:
+        share = ALWAYS
+        for k, alpha in zip(self.k, self.alpha, strict=True):
+            share = where(both(k > 0.0, alpha > 0.0), minimum(share, alpha / where(k > 0.0, k, 1.0)), share)
+        limit = passive_speed(self.least_level() * share * sum(self.k), self.sigma_1, self.v_d)
+        bound = "min(F_C, F_S)*min(alpha[i]/k[i])*(sum of k)/sigma_1"
+        return (*RigidBallscrew.notes(self, x), passivity_note(x.largest_speed, limit, "rad/s", bound=bound))
 
     def output(self, t: float, x: State, u: RigidBallscrew.Input) -> RigidBallscrew.Output:
         _, torque = self.friction(t, x)

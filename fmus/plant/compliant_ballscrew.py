@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 from cosim.model import (
     Experiment,
+    Note,
     Plant,
     Record,
     Rule,
@@ -20,7 +22,16 @@ from cosim.model import (
     where,
 )
 from fmus.physics.ballscrew import TWO_PI, contact_rules, drift_rule
-from fmus.physics.lugre import bristle_damping, bristle_rate, friction, friction_level, steady_bristle
+from fmus.physics.lugre import (
+    bristle_damping,
+    bristle_rate,
+    friction,
+    friction_level,
+    passive_speed,
+    passivity_note,
+    rising_notes,
+    steady_bristle,
+)
 from fmus.physics.sampling import saturate
 
 
@@ -133,6 +144,8 @@ class CompliantBallscrew(Plant):
         speed: float = variable(0.0, "rad/s", "Speed of the screw", nominal=1.0)
         bristle: float = variable(0.0, "rad", "Bristle deflection at the screw", nominal=1e-4)
         guide_bristle: float = variable(0.0, "m", "Bristle deflection at the guide", nominal=1e-6)
+        largest_speed: float = variable(0.0, "rad/s", "Largest magnitude of speed since the start", discrete=True)
+        largest_velocity: float = variable(0.0, "m/s", "Largest magnitude of velocity since the start", discrete=True)
 
     class Input(Record):
         command: float = variable(0.0, "A", "Current command")
@@ -165,6 +178,34 @@ class CompliantBallscrew(Plant):
             drift_rule(self.drift_amplitude, self.drift_frequency),
         )
 
+    def notes(self, x: State) -> tuple[Note, ...]:
+        negative = self.F_C_negative, self.F_S_negative
+        found = (
+            *rising_notes(self.F_C, self.F_S, *negative, unit="N.m"),
+            passivity_note(
+                x.largest_speed,
+                passive_speed(4.0 * self._least_level(self.F_C, self.F_S), self.sigma_1, self.v_d),
+                "rad/s",
+                bound="4*min(F_C, F_S)/sigma_1",
+            ),
+        )
+        if not self.guide_friction:
+            return found
+        return (
+            *found,
+            *rising_notes(self.guide_F_C, self.guide_F_S, *negative, unit="N", prefix="guide_"),
+            passivity_note(
+                x.largest_velocity,
+                passive_speed(
+                    4.0 * self._least_level(self.guide_F_C, self.guide_F_S), self.guide_sigma_1, self.guide_v_d
+                ),
+                "m/s",
+                name="largest_velocity",
+                v_d="guide_v_d",
+                bound="4*min(guide_F_C, guide_F_S)/guide_sigma_1",
+            ),
+        )
+
     def initial(self) -> State:
         speed = self.velocity_start / self.l_p
         screw = steady_bristle(speed, self.screw_level(0.0, speed), self.sigma_0)
@@ -186,6 +227,11 @@ class CompliantBallscrew(Plant):
             v_s,
         )
         return self.friction_scale * drift * level
+
+    def _least_level(self, F_C: float, F_S: float) -> float:
+        """The least that the level of a contact falls to at any time and speed."""
+        backward = minimum(F_C * self.F_C_negative, F_S * self.F_S_negative)
+        return self.friction_scale * (1.0 - self.drift_amplitude) * minimum(minimum(F_C, F_S), backward)
 
     def screw_level(self, t: float, speed: float) -> float:
         """Magnitude of the LuGre friction torque without its viscous part, in steady sliding at ``speed``."""
@@ -241,6 +287,13 @@ class CompliantBallscrew(Plant):
             speed=(drive - torque - u.load_torque - self.l_p * nut_force) / self.J,
             bristle=rate,
             guide_bristle=guide_rate,
+        )
+
+    def update(self, t: float, x: State, u: Input) -> State:
+        return replace(
+            x,
+            largest_speed=maximum(x.largest_speed, abs(x.speed)),
+            largest_velocity=maximum(x.largest_velocity, abs(x.velocity)),
         )
 
     def output(self, t: float, x: State, u: Input) -> Output:

@@ -300,6 +300,17 @@ def cascade_pid(axes: Axes) -> None:
     line(axes, (72, 72, 39, 39), (52, 28, 28, 44), STEEL, 2.5)
 
 
+def cascade_p(axes: Axes) -> None:
+    """Position loop around velocity loop."""
+    arrow(axes, (2, 60), (14, 60), DARK, 2.5)
+    stage(axes, 14, "P", 60, 24)
+    arrow(axes, (38, 60), (52, 60), DARK, 2.5)
+    stage(axes, 52, "P", 60, 24)
+    arrow(axes, (76, 60), (98, 60))
+    line(axes, (88, 88, 7, 7), (60, 18, 18, 52), STEEL, 2.5)
+    line(axes, (82, 82, 45, 45), (60, 34, 34, 52), STEEL, 2.5)
+
+
 def friction_pulse(axes: Axes) -> None:
     """The pulse at a reversal."""
     block(axes)
@@ -371,6 +382,7 @@ ICONS: dict[str, Callable[[Axes], None]] = {
     "SuperTwisting": super_twisting,
     "DisturbanceObserver": disturbance_observer,
     "CascadePid": cascade_pid,
+    "CascadeP": cascade_p,
     "FrictionPulse": friction_pulse,
     "FrictionFeedforward": friction_feedforward,
     "Trajectory": trajectory,

@@ -230,6 +230,22 @@ class Rule:
 
 
 @dataclass(frozen=True)
+class Note:
+    """What is legal but suspicious while ``value`` is above ``limit``.
+
+    Told as ``"<name> = <value> <unit> is above <limit_name> = <limit> <unit>: <text>"``; ``text`` says what follows
+    from it and what to do.
+    """
+
+    name: str
+    value: float
+    limit_name: str
+    limit: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
 class Experiment:
     """The default experiment of a component, in seconds."""
 
@@ -263,6 +279,13 @@ class Component:
 
     def rules(self) -> tuple[Rule, ...]:
         """Conditions between parameters, checked when initialization ends; none unless overridden."""
+        return ()
+
+    def notes(self, x: Any) -> tuple[Note, ...]:
+        """What is legal but suspicious about parameters and the state ``x``; nothing unless overridden.
+
+        Looked at when initialization ends and when a run ends. An FMU tells each note once, as a warning.
+        """
         return ()
 
 

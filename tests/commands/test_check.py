@@ -116,6 +116,8 @@ def test_facts_as_json(native: Path, cosim: Call) -> None:
         "factor": 1.0,
         "offset": 0.0,
         "units": "same",
+        "added": False,
+        "noise": None,
     }
     assert (found["steps"], found["step_size"]) == (100000, 1e-4)
 

@@ -11,13 +11,25 @@ from ..model import Controller
 from .symbol import casadi
 from .variant import Symbols, Variant
 
-FUNCTIONS = ("constants", "initial", "rules", "derivative", "jacobian", "output", "update", "sample", "partials")
+FUNCTIONS = (
+    "constants",
+    "initial",
+    "rules",
+    "derivative",
+    "jacobian",
+    "output",
+    "update",
+    "sample",
+    "directional",
+    "notes",
+)
 """The C functions of a variant, in the order of the core's ``Variant`` struct."""
 
 _RESULTS = {
     "update": "",
     "jacobian": ", double *out, double *second",
     "sample": ", double *out, double *second",
+    "directional": ", const double *direction, double *out",
 }
 _SIGNATURES = {
     name: ("double t, double *x, " if name == "update" else "double t, const double *x, ")
@@ -40,7 +52,9 @@ class Printer:
             for (signature, body), name in ((key.split("\0"), name) for key, name in self.known.items())
         )
 
-    def variant(self, variant: Variant, symbols: Symbols, rules: Sequence[Any]) -> tuple[str, ...]:
+    def variant(
+        self, variant: Variant, symbols: Symbols, rules: Sequence[Any], notes: Sequence[Any]
+    ) -> tuple[str, ...]:
         """The names of the functions of a variant, in the order of ``FUNCTIONS``."""
         sampled = issubclass(variant.kind, Controller)
         hot = {
@@ -49,7 +63,7 @@ class Printer:
             "output": variant.output,
             "update": variant.update,
             "sample": [*variant.output, *variant.next] if sampled else [],
-            "partials": variant.partials,
+            "directional": variant.directional,
         }
         sizes = {name: len(rows) for name, rows in hot.items()}
         together = casadi.vertcat(*(row for rows in hot.values() for row in rows))
@@ -72,7 +86,7 @@ class Printer:
             rows = [together[start + i] for i in range(size)]
             names[name] = self.function(name, everything, text, rows, targets)
             start += size
-        cold = {"constants": constants, "initial": variant.initial, "rules": rules}
+        cold = {"constants": constants, "initial": variant.initial, "rules": rules, "notes": notes}
         for name, rows in cold.items():
             targets = [f"out[{i}]" for i in range(len(rows))]
             names[name] = self.function(name, symbols.all, symbols.text, rows, targets)

@@ -110,7 +110,7 @@ def _arguments(base: type[Component], method: str) -> str:
 
 def _declarations(kind: type[Component], owner: type[Component] | type[Record]) -> Iterator[str]:
     label = kind.__name__ if owner is kind else f"{kind.__name__}.{owner.__name__}"
-    reserved = {"experiment", "initial", "rules", "derivative", "output", "update", "State", "Input", "Output"}
+    reserved = {"experiment", "initial", "rules", "notes", "derivative", "output", "update", "State", "Input", "Output"}
     bare = [item for item in fields(cast(Any, owner)) if item.default is MISSING or "unit" not in item.metadata]
     for item in bare:
         at = f"{of_declaration(owner, item.name)}: {label}.{item.name}"
@@ -232,7 +232,7 @@ def _names(kind: type[Component]) -> Iterator[str]:
 
 def _purity(kind: type[Component]) -> Iterator[str]:
     """Equations that use clocks, files, random numbers or output."""
-    for method in ("initial", "rules", "derivative", "output", "update"):
+    for method in ("initial", "rules", "notes", "derivative", "output", "update"):
         function = getattr(kind, method, None)
         if isinstance(function, FunctionType) and of_author(function.__code__.co_filename):
             for used in sorted(set(_used(function, set()))):

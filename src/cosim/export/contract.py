@@ -104,10 +104,11 @@ MESSAGES: Mapping[str, str] = {
     "WRONG_TIMES": "%s: start time %g s, stop time %g s: give finite times, stop after start.",
     "WRONG_TOLERANCE": "%s: tolerance %g: give a positive number.",
     "BROKEN_RULES": "%s: %s",
-    "INITIAL_NOT_FINITE": "%s: the initial %s is not finite. Check the parameters.",
+    "INITIAL_NOT_FINITE": "%s: the initial %s is not finite. Check parameters and inputs.",
+    "NOTE": "%s: %s = %.4g %s is above %s = %.4g %s: %s",
     "NO_EVENT_MODE_USED": "%s: the instance was made with eventModeUsed = false. Stay in step mode.",
     # values
-    "UNKNOWN_REFERENCE": "%s: unknown value reference %u. %s has 0 to %d.",
+    "UNKNOWN_REFERENCE": "%s: unknown value reference %u. %s has 0 to %d, see modelDescription.xml.",
     "WRONG_TYPE": "%s: %s (value reference %u) is of type %s. Use {fmi}Get%s or {fmi}Set%s.",
     "WRONG_NUMBER": "%s: %lu values, but the variables have %lu elements. Pass one for each.",
     "FIXED": "%s: %s is a fixed parameter. Set it before initialization ends.",
@@ -118,8 +119,8 @@ MESSAGES: Mapping[str, str] = {
     "ABOVE_MAXIMUM": "%s: %s = %.17g %s: above its maximum %.17g %s. The previous value %g is kept.",
     "BREAKS_RULE": "%s: %s = %g %s: %s The previous value %g is kept.",
     "RESULT_NOT_FINITE": "%s: %s is not finite at t = %.17g s. Check inputs and parameters.",
-    "NO_INPUT_DERIVATIVES": "%s: inputs are held over a step (canInterpolateInputs is false).",
-    "NO_OUTPUT_DERIVATIVES": "%s: not provided (maxOutputDerivativeOrder is 0).",
+    "NO_INPUT_DERIVATIVES": "%s: inputs are held over a step (canInterpolateInputs is false). Pass none.",
+    "NO_OUTPUT_DERIVATIVES": "%s: not provided (maxOutputDerivativeOrder is 0). Ask for none.",
     # FMU state
     "NO_STATE": "%s: this is no state of %s. Pass one that the same FMU gave.",
     "OTHER_KIND": "%s: the state is that of an instance for %s. Use one of the same kind.",
@@ -136,8 +137,8 @@ MESSAGES: Mapping[str, str] = {
     "TIME_NOT_FINITE": "%s: %g s. Give a finite time.",
     "STATES_NOT_FINITE": "%s: %s = %g: must be finite. The previous states are kept.",
     "DERIVATIVE_NOT_FINITE": "%s: %s is not finite at t = %.17g s. Check inputs and states, or take a smaller step.",
-    "FOR_MODEL_EXCHANGE": "%s: the instance is one for model exchange.",
-    "FOR_CO_SIMULATION": "%s: the instance is one for co-simulation.",
+    "FOR_MODEL_EXCHANGE": "%s: the instance is one for model exchange. Enter continuous-time mode.",
+    "FOR_CO_SIMULATION": "%s: the instance is one for co-simulation. Enter step mode.",
     "NO_CLOCK": "%s: there are no clocks, a sampling instant is an event.",
     "NO_DEPENDENCIES": "%s: providesPerElementDependencies is false, see ModelStructure.",
     "NO_STRUCTURE": "%s: there are no structural parameters.",
@@ -150,8 +151,7 @@ MESSAGES: Mapping[str, str] = {
     "TOO_MANY_SAMPLES": "%s: the step of %g s holds %g samples of T_s = %g s, but one step may hold %d. Take shorter "
     "steps, or a longer T_s.",
     "SAMPLE_NOT_FINITE": "%s: %s is not finite at the sample t = %.17g s. Check inputs and parameters.",
-    "STOPPED": "%s: integration stopped at t = %.17g s, %s (%s). Check inputs and parameters, or enlarge "
-    "the tolerance.",
+    "STOPPED": "%s: integration with tolerance %g stopped at t = %.17g s, at %s: %s",
     "NO_STEP_IN_PROGRESS": "%s: no step is in progress, a step is done when its call returns.",
     "ONLY_STATUS": "%s: only %s is known.",
     "NEVER_PENDING": "%s: fmi2DoStep never returns fmi2Pending, there is no such status.",
@@ -159,11 +159,14 @@ MESSAGES: Mapping[str, str] = {
 """Name of a message -> its text, with conversions that printf and Python's ``%`` share; the function comes first."""
 
 REASONS: Mapping[str, str] = {
-    "STEP_TOO_SMALL": "the step size became too small",
-    "TOO_MANY_STEPS": "too many steps",
-    "NOT_FINITE": "a derivative is not finite",
+    "STEP_TOO_SMALL": "the step size became too small. Check inputs and parameters, or make the tolerance larger.",
+    "TOO_MANY_STEPS": "too many steps. Check inputs and parameters, or make the communication step shorter.",
+    "NOT_FINITE": "a derivative is not finite. Check inputs and parameters, or make the tolerance smaller.",
 }
-"""Why an integration stopped."""
+"""Why an integration stopped, and what to do.
+
+Below about 1e-11 the tolerance meets the rounding of the equations; a large one lets a step go where they overflow.
+"""
 
 _WORDS: Mapping[Fmi, Mapping[str, str]] = {
     2: {"{fmi}": "fmi2", "{standard}": "FMI 2.0", "{token}": "guid"},

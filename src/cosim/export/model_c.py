@@ -50,7 +50,9 @@ typedef struct {
     void (*output)(double, const double *, const double *, const double *, const double *, double *);
     void (*update)(double, double *, const double *, const double *, const double *);
     void (*sample)(double, const double *, const double *, const double *, const double *, double *, double *);
-    void (*partials)(double, const double *, const double *, const double *, const double *, double *);
+    void (*directional)(double, const double *, const double *, const double *, const double *, const double *,
+                        double *);
+    void (*notes)(double, const double *, const double *, const double *, const double *, double *);
 } Variant;
 
 """
@@ -71,6 +73,7 @@ def model_c(trace: Trace, guid: str, fmi: Fmi = 2) -> str:
         "N_REFERENCES": len(listed),
         "N_CONSTANTS": trace.n_constants,
         "N_RULES": len(trace.rules),
+        "N_NOTES": len(trace.notes),
         "N_CHOICES": len(trace.choices),
         "PLAIN_INPUTS": int(bool(trace.inputs) and _plain(variables, ("input",))),
         "PLAIN_OUTPUTS": int(bool(trace.outputs) and _plain(variables, ("state", "output"))),
@@ -86,7 +89,7 @@ def model_c(trace: Trace, guid: str, fmi: Fmi = 2) -> str:
     head = _HEAD.format(
         name=kind.__name__, guid=guid, kind=label, sizes="".join(f"#define {k} {v}\n" for k, v in sizes.items())
     )
-    tables = _table(listed, fmi) + (_lengths(trace) if fmi == 3 else "") + _choices(trace)
+    tables = _table(listed, fmi) + (_lengths(trace) if fmi == 3 else "") + _choices(trace) + _notes(trace)
     return head + tables + trace.functions + _VARIANT + _variants(trace) + _tail(trace, fmi)
 
 
@@ -122,6 +125,17 @@ def _choices(trace: Trace) -> str:
     else:
         text += 'static const char *const rule_texts[1] = {""};\n\n'
     return text
+
+
+def _notes(trace: Trace) -> str:
+    if not trace.notes:
+        return ""
+    rows = "".join(f"    {{{', '.join(map(c_text, note))}}},\n" for note in trace.notes)
+    return (
+        "static const struct { const char *name, *limit_name, *unit, *text; } note_texts[N_NOTES] = {\n"
+        + rows
+        + "};\n\n"
+    )
 
 
 def _variants(trace: Trace) -> str:

@@ -62,6 +62,7 @@ def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi =
         outputs=_outputs(trace, variables),
         states=ports("State", "state"),
         counters=ports("Solver counter", "counter"),
+        notes=[(note.name, _words(note.limit_name), _unit(note.unit), _words(note.text)) for note in trace.notes],
         sampled=issubclass(kind, Controller),
         integrated=issubclass(kind, Plant),
         validation=facts,

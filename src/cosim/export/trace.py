@@ -20,7 +20,7 @@ from .check import check_component
 from .interface import Scalar, choice_number, gap_rules, ordered_states, scalars
 from .place import of_class
 from .symbol import Symbol, casadi
-from .variant import Symbols, Variant, depends
+from .variant import NoteText, Symbols, Variant, depends
 
 MAX_VARIANTS = 256
 MAX_ROWS = 4096
@@ -44,6 +44,7 @@ class Trace:
     n_continuous: int
     choices: tuple[tuple[int, int, int], ...]
     rules: tuple[str, ...]
+    notes: tuple[NoteText, ...]
     n_constants: int
     functions: str
     variants: tuple[tuple[str, ...], ...]
@@ -71,7 +72,7 @@ def trace(kind: type[Component]) -> Trace:
     check_component(kind)
     parameters, inputs, outputs = scalars(kind), scalars(kind.Input), scalars(kind.Output)
     states, n_continuous = ordered_states(kind)
-    symbols = Symbols(states, inputs, parameters)
+    symbols = Symbols(states, n_continuous, inputs, parameters)
     discrete = {i: _members(s) for i, s in enumerate(parameters) if s.declaration.is_discrete_choice}
     combinations = list(itertools.product(*discrete.values()))
     if len(combinations) > MAX_VARIANTS:
@@ -87,7 +88,8 @@ def trace(kind: type[Component]) -> Trace:
         variant = Variant(kind, symbols, arguments, states, n_continuous)
         collected[tuple(map(choice_number, combination))] = variant
     printer = Printer()
-    choices, rules, variants = _table(kind, printer, symbols, discrete, collected)
+    notes = tuple(dict.fromkeys(note for variant in collected.values() for note in variant.note_texts))
+    choices, rules, variants = _table(kind, printer, symbols, discrete, collected, notes=notes)
     choice_indices = frozenset(discrete) if len(set(variants)) > 1 else frozenset[int]()
 
     def union(pick: Callable[[Variant], Sequence[Any]], letter: str, n: int) -> tuple[frozenset[int], ...]:
@@ -117,6 +119,7 @@ def trace(kind: type[Component]) -> Trace:
         n_continuous=n_c,
         choices=choices,
         rules=rules,
+        notes=notes,
         n_constants=printer.n_constants,
         functions=printer.text(),
         variants=variants,
@@ -135,6 +138,8 @@ def _table(
     symbols: Symbols,
     discrete: Mapping[int, tuple[Any, ...]],
     collected: Mapping[tuple[float, ...], Variant],
+    *,
+    notes: Sequence[NoteText],
 ) -> tuple[tuple[tuple[int, int, int], ...], tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """Choices, texts of rules, and the functions of each row of the table that the core looks variants up in.
 
@@ -156,7 +161,10 @@ def _table(
     for numbers, variant in collected.items():
         conditions = dict(zip(_numbered(variant.rule_texts), variant.rules, strict=True))
         rows = [conditions.get(text, casadi.SX(1.0)) for text in texts] + [casadi.SX(1.0) for _ in gaps]
-        names[numbers] = printer.variant(variant, symbols, rows)
+        values = dict(zip(variant.note_texts, zip(variant.notes[::2], variant.notes[1::2], strict=True), strict=True))
+        # A note that this variant does not have is a value of 0 below a limit of 0.
+        pairs = [row for note in notes for row in values.get(note, (casadi.SX(0.0), casadi.SX(0.0)))]
+        names[numbers] = printer.variant(variant, symbols, rows, pairs)
     listed: list[tuple[str, ...]] = []
     for numbers in itertools.product(*spans.values()):
         known = names.get(tuple(map(float, numbers)))

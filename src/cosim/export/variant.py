@@ -7,10 +7,22 @@ import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import FrozenInstanceError
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from ..errors import TraceError, suggest
-from ..model import FUNCTIONS, Component, Controller, Declaration, Plant, Record, Rule, Source, declarations, unflatten
+from ..model import (
+    FUNCTIONS,
+    Component,
+    Controller,
+    Declaration,
+    Note,
+    Plant,
+    Record,
+    Rule,
+    Source,
+    declarations,
+    unflatten,
+)
 from . import place
 from .interface import Scalar, scalars, unchecked
 from .symbol import Symbol, casadi, expression
@@ -19,17 +31,21 @@ ALLOWED = f"Equations use arithmetic, comparisons and these functions of cosim.m
 
 
 class Symbols:
-    """The symbols t, x, u, p of one component and the C text of each."""
+    """The symbols t, x, u, p of one component, and the C text of each.
 
-    def __init__(self, x: Sequence[Scalar], u: Sequence[Scalar], p: Sequence[Scalar]) -> None:
+    ``known`` are the continuous states and inputs, ``direction`` has a symbol for the change of each.
+    """
+
+    def __init__(self, x: Sequence[Scalar], n_continuous: int, u: Sequence[Scalar], p: Sequence[Scalar]) -> None:
         self.t: Any = casadi.SX.sym("t")
         self.x = [casadi.SX.sym(f"x{i}") for i in range(len(x))]
         self.u = [casadi.SX.sym(f"u{i}") for i in range(len(u))]
         self.p = [casadi.SX.sym(f"p{i}") for i in range(len(p))]
-        self.all = [self.t, *self.x, *self.u, *self.p]
-        self.text = ["t"] + [
-            f"{letter}[{i}]" for letter, group in (("x", x), ("u", u), ("p", p)) for i in range(len(group))
-        ]
+        self.known = [*self.x[:n_continuous], *self.u]
+        self.direction = [casadi.SX.sym(f"d{i}") for i in range(len(self.known))]
+        self.all = [self.t, *self.x, *self.u, *self.p, *self.direction]
+        groups = (("x", self.x), ("u", self.u), ("p", self.p), ("direction", self.direction))
+        self.text = ["t"] + [f"{name}[{i}]" for name, group in groups for i in range(len(group))]
 
 
 def depends(expr: Any, letter: str) -> frozenset[int]:
@@ -56,14 +72,19 @@ class Variant:
         with _watched(kind.State, kind.Output):
             rows = self._evaluated(arguments, states)
             again = self._evaluated(arguments, states)
-        self.rule_texts = rows.rules
+        self.rule_texts, self.note_texts = rows.rules, rows.notes
         for method, known in rows.known.items():
-            if rows.rules != again.rules or self._text(known) != self._text(again.known[method]):
+            if (
+                rows.rules != again.rules
+                or rows.notes != again.notes
+                or self._text(known) != self._text(again.known[method])
+            ):
                 raise TraceError(
                     f"{place.of_method(kind, method)}: {kind.__name__}.{method} gives another result when it is called "
                     "again with the same arguments. Take out random numbers, clocks and what a call leaves behind."
                 )
         self.rules, self.initial, self.output = rows.known["rules"], rows.known["initial"], rows.known["output"]
+        self.notes = rows.known["notes"]
         discrete = rows.known.get("update", [])
         self.next: list[Any] = discrete if issubclass(kind, Controller) else []
         self.update: list[Any] = discrete[n_continuous:] if issubclass(kind, Plant) else []
@@ -76,9 +97,10 @@ class Variant:
         columns = casadi.vertcat(*symbols.x[:n_continuous]) if n_continuous else casadi.SX(0, 1)
         self.jacobian = _dense(casadi.jacobian(rows, columns))
         self.time_derivative = _dense(casadi.jacobian(rows, symbols.t))
-        known = [*symbols.x[:n_continuous], *symbols.u]
-        unknown = [*self.derivative, *self.output]
-        self.partials = _dense(casadi.jacobian(casadi.vertcat(*unknown), casadi.vertcat(*known))) if known else []
+        unknown, known, direction = (
+            casadi.vertcat(*rows) for rows in ([*self.derivative, *self.output], symbols.known, symbols.direction)
+        )
+        self.directional = _dense(casadi.jtimes(unknown, known, direction)) if symbols.known else []
 
     def _evaluated(self, arguments: Sequence[Any], states: Sequence[Scalar]) -> _Rows:
         """What each method gives, states in the order of FMUs."""
@@ -96,7 +118,11 @@ class Variant:
             return [by_name[scalar.name] for scalar in states]
 
         rules = self._rules(self._call("rules", component.rules))
-        known = {"rules": [condition for _, condition in rules]}
+        notes = self._notes(self._call("notes", lambda: component.notes(x)))
+        known = {
+            "rules": [condition for _, condition in rules],
+            "notes": [row for note in notes for row in (expression(note.value), expression(note.limit))],
+        }
         known["initial"] = state("initial", self._call("initial", component.initial), lambda _: False)
         given: tuple[Any, ...] = (t,) if isinstance(component, Source) else (t, x, u)
         y = self._call("output", lambda: component.output(*given))
@@ -109,7 +135,8 @@ class Variant:
             known["derivative"] = state("derivative", found, lambda declaration: not declaration.discrete)
             found = self._call("update", lambda: component.update(*given))
             known["update"] = state("update", found, lambda declaration: declaration.discrete)
-        return _Rows(tuple(text for text, _ in rules), known)
+        texts = tuple(NoteText(note.name, note.limit_name, note.unit, note.text) for note in notes)
+        return _Rows(tuple(text for text, _ in rules), texts, known)
 
     def _text(self, rows: Sequence[Any]) -> str:
         """The expressions as text; equal for equal ones."""
@@ -146,6 +173,15 @@ class Variant:
             found.append((rule.text, expression(rule.condition)))
         return found
 
+    def _notes(self, notes: Any) -> tuple[Note, ...]:
+        """Notes whose texts can be told."""
+        if not isinstance(notes, tuple) or not all(isinstance(note, Note) for note in cast("tuple[Any, ...]", notes)):
+            raise self._refuse("notes", f"returns {notes!r}. Return a tuple of Note(name, value, ...).")
+        for note in cast("tuple[Note, ...]", notes):
+            if not all(part.strip() for part in (note.name, note.limit_name, note.text)):
+                raise self._refuse("notes", f"{note!r}: give name, limit_name and text.")
+        return cast("tuple[Note, ...]", notes)
+
     def _record(
         self, method: str, record: type[Record], value: Any, needed: Callable[[Declaration], bool]
     ) -> list[Any]:
@@ -179,11 +215,20 @@ class Variant:
         return found
 
 
-class _Rows:
-    """The texts of the rules, and for each method its expressions."""
+class NoteText(NamedTuple):
+    """What stays the same of a note."""
 
-    def __init__(self, rules: tuple[str, ...], known: Mapping[str, list[Any]]) -> None:
-        self.rules, self.known = rules, known
+    name: str
+    limit_name: str
+    unit: str
+    text: str
+
+
+class _Rows:
+    """The texts of rules and notes, and for each method its expressions."""
+
+    def __init__(self, rules: tuple[str, ...], notes: tuple[NoteText, ...], known: Mapping[str, list[Any]]) -> None:
+        self.rules, self.notes, self.known = rules, notes, known
 
 
 class _Made:

@@ -41,6 +41,7 @@ class SystemFields(TypedDict):
     record: tuple[tuple[str, str], ...]
     decimation: int
     notes: tuple[str, ...]
+    notes_of_file: tuple[str, ...]
     digest: str
     document: Mapping[str, Any]
     folder: Path
@@ -48,9 +49,15 @@ class SystemFields(TypedDict):
 
 
 def checked_fields(
-    document: Mapping[str, Any], name: str, folder: Path, fmus: Path | None, problems: Sequence[str] = ()
+    document: Mapping[str, Any],
+    name: str,
+    folder: Path,
+    fmus: Path | None,
+    *,
+    problems: Sequence[str] = (),
+    notes: Sequence[str] = (),
 ) -> SystemFields:
-    """The fields of the System that a document describes; ``problems`` are those known already.
+    """The fields of the System that a document describes; ``problems`` and ``notes`` are those known already.
 
     Raises DescriptionError with every problem found.
     """
@@ -90,7 +97,8 @@ def checked_fields(
         tolerance=tolerance,
         record=record,
         decimation=decimation,
-        notes=tuple(findings.notes),
+        notes=(*notes, *findings.notes),
+        notes_of_file=tuple(notes),
         digest=system_digest(
             instances,
             connections,

@@ -100,6 +100,8 @@ class System:
     decimation: int
     notes: tuple[str, ...]
     """What is legal but worth knowing."""
+    notes_of_file: tuple[str, ...] = field(repr=False)
+    """Those of ``notes`` that were found while the file was read."""
     digest: str
     """SHA-256 of everything that decides the results: FMUs, start values, connections, experiment."""
     document: Mapping[str, Any] = field(repr=False)
@@ -151,7 +153,9 @@ class System:
         plain = overrides and not problems and all(value is None for value in experiment)
         if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
-        return System(**checked_fields(document, self.name, self.folder, self.fmus, problems))
+        return System(
+            **checked_fields(document, self.name, self.folder, self.fmus, problems=problems, notes=self.notes_of_file)
+        )
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
         """Start values by instance, if they are right and the rest of the system cannot depend on them."""
@@ -208,9 +212,9 @@ def read_system(
     """
     folder_of_fmus = None if fmus is None else Path(fmus)
     path = find_system(str(path), folder_of_fmus)
-    folder = path.parent
+    folder, notes = path.parent, ()
     if has_ending(path, ".ssp", ".ssd"):
-        loaded, folder = _read_ssp(path)
+        loaded, folder, notes = _read_ssp(path)
     elif has_ending(path, ".fmu"):
         loaded = fmu_document(path)
         overrides = full_names(loaded, overrides or {})
@@ -227,7 +231,7 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems))
+    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems=problems, notes=notes))
 
 
 def make_system(
@@ -237,7 +241,8 @@ def make_system(
     return System(**checked_fields(document, name, Path(folder), None if fmus is None else Path(fmus)))
 
 
-def _read_ssp(path: Path) -> tuple[dict[str, Any], Path]:
+def _read_ssp(path: Path) -> tuple[dict[str, Any], Path, tuple[str, ...]]:
     from .ssp_read import read_ssp  # reads XML schemas: only where one is needed
 
-    return read_ssp(path)
+    found = read_ssp(path)
+    return found.document, found.folder, tuple(found.notes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, cast
@@ -12,6 +12,7 @@ from ...model import Component
 from ..contract import INSTANTIATED
 from ..interface import InterfaceVariable, gap_rules, ordered_states, scalars, variables_of
 from .dual import Dual
+from .messages import PHASES
 from .ticks import Ticks
 
 
@@ -35,6 +36,8 @@ class Memory:
     outputs_dirty: bool = True
     derivatives_dirty: bool = True
     sampled: bool = False
+    told: list[str] = field(default_factory=list[str])
+    """Names and limits of the notes that have been told."""
 
     def copy(self) -> dict[str, Any]:
         """Plain values that share nothing with this memory."""
@@ -74,6 +77,31 @@ class MemoryLayout:
 def interface(kind: type[Component]) -> MemoryLayout:
     """The interface of a component, made once."""
     return MemoryLayout(kind)
+
+
+def restored(state: Mapping[str, Any], like: Memory, face: MemoryLayout) -> Memory | None:
+    """The memory of saved values, or None if no instance of this FMU, whose memory is ``like``, can go on with them."""
+    copied: dict[str, Any] = {k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()}
+    try:
+        copied["count"] = Ticks(**copied["count"])
+        memory = Memory(**copied)
+        values: list[Any] = [*memory.v, *memory.next]
+        given = zip(face.variables[: face.states.start], memory.v, strict=False)
+        sound = (
+            len(memory.v) == len(like.v)
+            and len(memory.next) == len(like.next)
+            and len(memory.counts) == len(like.counts)
+            and memory.phase in PHASES
+            and all(math.isfinite(value) and v.min <= value <= v.max for v, value in given)
+            and all(isinstance(value, float | int) for value in values)
+            and all(math.isfinite(value) for value in (memory.start, memory.time, memory.tolerance))
+            and memory.stop > memory.start
+            and memory.count.is_sound()
+            and isinstance(cast(object, memory.told), list)
+        )
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    return memory if sound else None
 
 
 def value_of(variable: InterfaceVariable, number: float) -> Any:

@@ -114,14 +114,14 @@ static void say(const Instance *instance, fmi2Status status, const char *format,
     deliver(instance, status, text);
 }
 
-/* PythonFMU passes the slave's messages here, each with the status the call is to have. */
+/* PythonFMU passes the slave's messages here, each with the status the call is to have; a warning leaves it as it is. */
 static void receive(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
                     fmi2String text, ...) {
     static const char prefix[] = "Fatal py exception encountered: ";
     Instance *instance = environment;
     (void)name;
     (void)category;
-    if (status > instance->worst) instance->worst = status;
+    if (status > fmi2Warning && status > instance->worst) instance->worst = status;
     if (strncmp(text, prefix, sizeof prefix - 1) == 0) {
         const char *line = strchr(text, '\n');
         text = line ? line + 1 : text;

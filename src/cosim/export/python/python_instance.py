@@ -11,17 +11,27 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
-from ...model import Component, Controller, Plant, Record, Source, unflatten
+from ...model import Component, Controller, Note, Plant, Record, Source, unflatten
 from .. import contract
-from ..contract import BEFORE, DISCARD, ERROR, FAILED, INITIALIZATION, STEP_COMPLETE, STEP_FAILED, TERMINATED
+from ..contract import (
+    BEFORE,
+    DISCARD,
+    ERROR,
+    FAILED,
+    INITIALIZATION,
+    STEP_COMPLETE,
+    STEP_FAILED,
+    TERMINATED,
+    WARNING,
+)
 from ..interface import InterfaceVariable, unchecked
 from .dual import Dual, plain
 from .integrator import Problem, StepProgress, Stopped, integrate
-from .memory import Memory, float_of, interface, numbers, value_of, with_types
+from .memory import Memory, float_of, interface, numbers, restored, value_of, with_types
 from .messages import CATEGORIES, PHASES, LogEntry, Refusal
-from .ticks import EPSILON, Ticks
+from .ticks import EPSILON
 
 
 class Instance:
@@ -62,6 +72,7 @@ class Instance:
         """fmi2Terminate."""
 
         def end(function: str) -> None:
+            self.tell_notes(function)
             self.memory.phase = TERMINATED
 
         self.guard("fmi2Terminate", contract.LEGAL["TERMINATE"], end)
@@ -110,35 +121,12 @@ class Instance:
 
     def _set_fmu_state(self, state: Mapping[str, Any]) -> None:
         def restore(function: str) -> None:
-            memory = self.memory_of(state)
+            memory = restored(state, self.memory, self.face)
             if memory is None:
                 raise Refusal(ERROR, "NO_STATE", function, self.kind.__name__)
             self.memory, self.made = memory, None
 
         self.guard("fmi2SetFMUstate", contract.LEGAL["HANDLE_STATE"], restore)
-
-    def memory_of(self, state: Mapping[str, Any]) -> Memory | None:
-        """The memory of saved values, or None if no instance of this FMU can go on with them."""
-        copied: dict[str, Any] = {k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()}
-        try:
-            copied["count"] = Ticks(**copied["count"])
-            memory = Memory(**copied)
-            values: list[Any] = [*memory.v, *memory.next]
-            given = zip(self.face.variables[: self.face.states.start], memory.v, strict=False)
-            sound = (
-                len(memory.v) == len(self.memory.v)
-                and len(memory.next) == len(self.memory.next)
-                and len(memory.counts) == len(self.memory.counts)
-                and memory.phase in PHASES
-                and all(math.isfinite(value) and v.min <= value <= v.max for v, value in given)
-                and all(isinstance(value, float | int) for value in values)
-                and all(math.isfinite(value) for value in (memory.start, memory.time, memory.tolerance))
-                and memory.stop > memory.start
-                and memory.count.is_sound()
-            )
-        except (KeyError, TypeError, ValueError, OverflowError):
-            return None
-        return memory if sound else None
 
     @staticmethod
     def _fmu_state_to_bytes(state: Mapping[str, Any]) -> bytes:
@@ -222,6 +210,19 @@ class Instance:
                 raise Refusal(ERROR, "INITIAL_NOT_FINITE", function, face.variables[face.states.start + offset].name)
         self.touch()
         memory.phase = STEP_COMPLETE
+        self.tell_notes(function)
+
+    def tell_notes(self, function: str) -> None:
+        """Tell what is legal but suspicious, each note once."""
+        memory = self.memory
+        self.refresh_parameters()
+        notes: tuple[Note, ...] = self.component().notes(self.state(memory.v[self.face.states]))
+        for note in notes:
+            key = f"{note.name}, {note.limit_name}"
+            if note.value > note.limit and key not in memory.told:
+                memory.told.append(key)
+                known = note.name, note.value, note.unit, note.limit_name, note.limit, note.unit, note.text
+                self.say(WARNING, contract.message("NOTE", function, *known))
 
     # Values
 
@@ -490,9 +491,8 @@ class Instance:
                 memory.time, memory.phase = stopped.time, STEP_FAILED
                 names = [variable.name for variable in face.variables[face.states]]
                 where = "no single state" if stopped.state is None else names[stopped.state]
-                raise Refusal(
-                    DISCARD, "STOPPED", function, stopped.time, contract.REASONS[stopped.reason], where
-                ) from stopped
+                why = contract.REASONS[stopped.reason]
+                raise Refusal(DISCARD, "STOPPED", function, tolerance, stopped.time, where, why) from stopped
             finally:
                 memory.v[face.states], memory.step = states, progress.step
         memory.v[face.states] = states

@@ -30,6 +30,7 @@
 #define DERIVATIVE_0 (OUTPUT_0 + N_OUTPUTS)
 #define COUNTER_0 (DERIVATIVE_0 + N_CONTINUOUS)
 #define N_KNOWN (N_CONTINUOUS + N_INPUTS)
+#define N_UNKNOWN (N_CONTINUOUS + N_OUTPUTS)
 #define AT_LEAST_1(n) ((n) > 0 ? (n) : 1)
 
 /* A communication step as a fraction of the sampling time: ticks/per_sample; per_sample is 0 if there is none. */
@@ -68,6 +69,7 @@ typedef struct {
     int derivatives_dirty;
     int sampled; /* controller: outputs and next belong to the inputs at the coming sampling instant */
     int finite;  /* states and outputs are, as they were computed last */
+    int told[AT_LEAST_1(N_NOTES)]; /* each note is told once */
 } State;
 
 typedef struct {
@@ -306,6 +308,25 @@ static int not_finite_result(const State *s) {
     return i < 0 ? i : STATE_0 + i;
 }
 
+/* Tell what is legal but suspicious. It is no matter of the call in progress, which returns OK. */
+static void tell_notes(Instance *instance, const char *function) {
+#if N_NOTES > 0
+    State *s = &instance->s;
+    double found[2 * N_NOTES]; /* value and limit of each */
+    refresh_parameters(s);
+    variant(s)->notes(s->time, states(s), NULL, parameters(s), NULL, found);
+    for (int i = 0; i < N_NOTES; i++) {
+        if (!(found[2 * i] > found[2 * i + 1]) || s->told[i]) continue;
+        s->told[i] = 1;
+        say(instance, WARNING, SAY_NOTE, function, note_texts[i].name, found[2 * i], note_texts[i].unit,
+            note_texts[i].limit_name, found[2 * i + 1], note_texts[i].unit, note_texts[i].text);
+    }
+#else
+    (void)instance;
+    (void)function;
+#endif
+}
+
 /* Check what parameters must hold together, and the initial values; then go to ``phase``. */
 static int leave_initialization(Instance *instance, int phase, const char *function) {
     State *s = &instance->s;
@@ -322,6 +343,14 @@ static int leave_initialization(Instance *instance, int phase, const char *funct
     }
     touch(s);
     s->phase = phase;
+    tell_notes(instance, function);
+    return OK;
+}
+
+static int terminate(Instance *instance, const char *function) {
+    if (illegal(instance, MAY_TERMINATE, function)) return ERROR;
+    tell_notes(instance, function);
+    instance->s.phase = TERMINATED;
     return OK;
 }
 
@@ -447,8 +476,8 @@ static int discard_result(Instance *instance, unsigned reference, const char *fu
 
 /* ---- derivatives ---- */
 
-/* Place of an unknown (state derivatives, then outputs) or a known (continuous states, then inputs) among the partial
-   derivatives, else -1 with a message. */
+/* Place of an unknown (state derivatives, then outputs) or a known (continuous states, then inputs) among those of
+   their kind, else -1 with a message. */
 static int row_of(Instance *instance, unsigned reference, const char *function) {
     if (unknown(instance, reference, REAL, function)) return -1;
     if (variables[reference].role == DERIVATIVE) return (int)reference - DERIVATIVE_0;
@@ -467,21 +496,21 @@ static int column_of(Instance *instance, unsigned reference, const char *functio
     return -1;
 }
 
-/* Matrix of N_CONTINUOUS + N_OUTPUTS rows and N_KNOWN columns. */
-static void partial_derivatives(State *s, double *partials) {
+/* Derivatives of the N_UNKNOWN unknowns along a direction of the N_KNOWN knowns. */
+static void differentiate(State *s, const double *direction, double *derivatives) {
     refresh_parameters(s);
 #if KIND == CONTROLLER
-    variant(s)->partials(sample_time(s), states(s), inputs(s), parameters(s), s->c, partials);
+    variant(s)->directional(sample_time(s), states(s), inputs(s), parameters(s), s->c, direction, derivatives);
 #else
-    variant(s)->partials(s->time, states(s), inputs(s), parameters(s), s->c, partials);
+    variant(s)->directional(s->time, states(s), inputs(s), parameters(s), s->c, direction, derivatives);
 #endif
 }
 
 static int directional_derivative(Instance *instance, const unsigned unknowns[], size_t n_unknown,
                                   const unsigned knowns[], size_t n_known, const double seed[], double result[],
                                   const char *function) {
-    double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
     double direction[AT_LEAST_1(N_KNOWN)] = {0.0};
+    double derivatives[AT_LEAST_1(N_UNKNOWN)] = {0.0};
     if (illegal(instance, MAY_DIFFERENTIATE, function) || missing(instance, unknowns, n_unknown, function) ||
         missing(instance, knowns, n_known, function) || missing(instance, seed, n_known, function) ||
         missing(instance, result, n_unknown, function))
@@ -491,12 +520,11 @@ static int directional_derivative(Instance *instance, const unsigned unknowns[],
         if (column < 0) return ERROR;
         direction[column] += seed[i];
     }
-    partial_derivatives(&instance->s, partials);
+    differentiate(&instance->s, direction, derivatives);
     for (size_t i = 0; i < n_unknown; i++) {
         const int row = row_of(instance, unknowns[i], function);
         if (row < 0) return ERROR;
-        result[i] = 0.0;
-        for (size_t k = 0; k < N_KNOWN; k++) result[i] += partials[(size_t)row * N_KNOWN + k] * direction[k];
+        result[i] = derivatives[row];
         if (!isfinite(result[i])) return discard_result(instance, unknowns[i], function);
     }
     return OK;
@@ -621,8 +649,9 @@ static int advance(Instance *instance, double step, double end, const char *func
     }
     s->time = s->integrator.time;
     s->phase = STEP_FAILED;
-    say(instance, UNFINISHED, SAY_STOPPED, function, s->time, reasons[code],
-        s->integrator.failing >= 0 ? variables[STATE_0 + s->integrator.failing].name : "no single state");
+    say(instance, UNFINISHED, SAY_STOPPED, function, problem.tolerance, s->time,
+        s->integrator.failing >= 0 ? variables[STATE_0 + s->integrator.failing].name : "no single state",
+        reasons[code]);
     return UNFINISHED;
 }
 #elif KIND == CONTROLLER

@@ -80,12 +80,7 @@ FMI2_EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     return leave_initialization(instance, instance->model_exchange ? EVENT_MODE : STEP_COMPLETE, function);
 }
 
-FMI2_EXPORT fmi2Status fmi2Terminate(fmi2Component c) {
-    Instance *instance = c;
-    if (illegal(instance, MAY_TERMINATE, "fmi2Terminate")) return fmi2Error;
-    instance->s.phase = TERMINATED;
-    return fmi2OK;
-}
+FMI2_EXPORT fmi2Status fmi2Terminate(fmi2Component c) { return terminate(c, "fmi2Terminate"); }
 
 FMI2_EXPORT fmi2Status fmi2Reset(fmi2Component c) {
     Instance *instance = c;

@@ -139,12 +139,7 @@ FMI3_EXPORT fmi3Status fmi3EnterEventMode(fmi3Instance c) {
     return fmi3OK;
 }
 
-FMI3_EXPORT fmi3Status fmi3Terminate(fmi3Instance c) {
-    Instance *instance = c;
-    if (illegal(instance, MAY_TERMINATE, "fmi3Terminate")) return fmi3Error;
-    instance->s.phase = TERMINATED;
-    return fmi3OK;
-}
+FMI3_EXPORT fmi3Status fmi3Terminate(fmi3Instance c) { return terminate(c, "fmi3Terminate"); }
 
 FMI3_EXPORT fmi3Status fmi3Reset(fmi3Instance c) {
     Instance *instance = c;
@@ -371,8 +366,8 @@ FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
                                                 const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[],
                                                 size_t n_sensitivity) {
     static const char function[] = "fmi3GetAdjointDerivative";
-    double partials[AT_LEAST_1((N_CONTINUOUS + N_OUTPUTS) * N_KNOWN)];
-    double weights[AT_LEAST_1(N_CONTINUOUS + N_OUTPUTS)] = {0.0};
+    double weights[AT_LEAST_1(N_UNKNOWN)] = {0.0};
+    double derivatives[AT_LEAST_1(N_UNKNOWN)] = {0.0};
     if (illegal(c, MAY_DIFFERENTIATE, function) || !one_each(c, n_unknown, n_seed, function) ||
         !one_each(c, n_known, n_sensitivity, function))
         return fmi3Error;
@@ -384,13 +379,14 @@ FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
         if (row < 0) return fmi3Error;
         weights[row] += seed[i];
     }
-    partial_derivatives(&((Instance *)c)->s, partials);
     for (size_t i = 0; i < n_known; i++) {
+        double direction[AT_LEAST_1(N_KNOWN)] = {0.0};
         const int column = column_of(c, knowns[i], function);
         if (column < 0) return fmi3Error;
+        direction[column] = 1.0;
+        differentiate(&((Instance *)c)->s, direction, derivatives);
         sensitivity[i] = 0.0;
-        for (size_t k = 0; k < N_CONTINUOUS + N_OUTPUTS; k++)
-            sensitivity[i] += weights[k] * partials[k * N_KNOWN + (size_t)column];
+        for (size_t k = 0; k < N_UNKNOWN; k++) sensitivity[i] += weights[k] * derivatives[k];
         if (!isfinite(sensitivity[i])) return discard_result(c, knowns[i], function);
     }
     return fmi3OK;
