@@ -128,6 +128,18 @@ def test_page_follows_the_colours_of_the_reader(browser: Any, page_file: Path) -
     page.close()
 
 
+def test_buttons_send_nothing_and_save_a_picture(browser: Any, page_file: Path) -> None:
+    page, _, _ = opened(browser, page_file)
+    plot = page.locator(".plot").first
+    plot.hover()
+    titles = [button.get_attribute("data-title") for button in plot.locator(".modebar-btn").all()]
+    assert titles == ["Download plot as a PNG", "Zoom", "Pan", "Zoom in", "Zoom out", "Autoscale"]
+    with page.expect_download() as download:
+        plot.locator(".modebar-btn").first.click()
+    assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
+    page.close()
+
+
 @pytest.mark.parametrize("width", [390, 1280])
 def test_nothing_sticks_out_sideways(browser: Any, page_file: Path, width: int) -> None:
     page, _, _ = opened(browser, page_file, viewport={"width": width, "height": 800})

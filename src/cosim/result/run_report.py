@@ -155,7 +155,7 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
             ("Stop time", "stop_time", "s"),
             ("Communication step", "step_size", "s"),
             ("Steps", "steps", ""),
-            ("Recorded: every n-th point, n", "decimation", ""),
+            ("Decimation of the record", "decimation", ""),
             ("Tolerance told to the FMUs", "tolerance", ""),
             ("Stepping took", "stepping_seconds", "s"),
         )
