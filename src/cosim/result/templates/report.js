@@ -91,7 +91,7 @@
     // All places are there before the first is drawn: a drawing has the size that its place has then.
     const places = data.panels.map((panel, i) => {
       const place = document.createElement("div");
-      place.className = i === data.panels.length - 1 ? "plot last" : "plot";
+      place.className = i === data.panels.length - 1 ? "panel last" : "panel";
       remark(parent, panel.note);
       parent.append(place);
       drawn.push([place, panel]);
