@@ -43,6 +43,7 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
     },
 }
 Told = Callable[[Outcome], None]
+Signal = np.ndarray[Any, np.dtype[np.float64]]
 
 
 # ---- fit files ----
@@ -133,7 +134,7 @@ def figures(fitted: Fitted) -> dict[str, float]:
     }
 
 
-def rms(signal: np.ndarray[Any, Any]) -> float:
+def rms(signal: Signal) -> float:
     return math.sqrt(float(np.mean(signal**2)))
 
 
@@ -158,7 +159,7 @@ def physical(fitted: Fitted) -> dict[str, float]:
     return found
 
 
-def ripple_starts(comparison: Comparison, position: np.ndarray[Any, Any]) -> dict[str, float]:
+def ripple_starts(comparison: Comparison, position: Signal) -> dict[str, float]:
     """Amplitude and phase of the torque that the residual of the command shows over the turn.
 
     The loop answers a torque of the plant by one against it: what the measured command has more is that, negative.
@@ -292,14 +293,14 @@ def with_pulses(fitted: Fitted, data: Path, fmus: Path | None, jobs: int) -> dic
     return {**numbers, "sign_of_pulses": sign, "least_squares_M": look.value("inertia").value}
 
 
-def pulse_sign(time: np.ndarray[Any, Any], position: Any, command: Any, pulses: Any) -> float:
+def pulse_sign(time: Signal, position: Signal, command: Signal, pulses: Signal) -> float:
     """1 if pulses push towards positive position beside the force of the command, -1 if they push against it."""
     from scipy.signal import savgol_filter
 
     step = float(np.median(np.diff(time)))
-    x, v, a = (savgol_filter(position, 21, 3, deriv=order, delta=step) for order in (0, 1, 2))
-    force = FORCE * savgol_filter(command, 21, 3)
-    columns = np.column_stack([a, v, np.sign(v), np.ones_like(x), -savgol_filter(pulses, 21, 3)])
+    x, v, a = (np.asarray(savgol_filter(position, 21, 3, deriv=order, delta=step)) for order in (0, 1, 2))
+    force = FORCE * np.asarray(savgol_filter(command, 21, 3))
+    columns = np.column_stack([a, v, np.sign(v), np.ones_like(x), -np.asarray(savgol_filter(pulses, 21, 3))])
     return math.copysign(1.0, float(np.linalg.lstsq(columns, force, rcond=None)[0][-1]))
 
 

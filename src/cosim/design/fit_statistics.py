@@ -106,15 +106,20 @@ Look = Callable[[Array], Array]
 def _directions(J: Array, look: Look) -> tuple[Array, Array]:
     """Directions in the space of the values, one a row, and the change of the residuals along each.
 
-    Of a faint direction that change counts which no small move along the strong ones makes up: where the faint one is
-    a little off, or bent, it is theirs.
+    Of a faint direction that change counts which no small move along those that are told makes up: where the faint
+    one is a little off, or bent, it is theirs.
     """
     left, singular, directions = np.linalg.svd(J, full_matrices=False)
-    strong = left[:, singular >= FAINT * singular[0]]
+    known = [column for column, s in zip(left.T, singular, strict=True) if s >= FAINT * singular[0]]
     size = singular.copy()
-    for i in np.flatnonzero(singular < FAINT * singular[0]):
+    for i in range(len(known), len(singular)):
         change = look(directions[i])
-        size[i] = min(size[i], float(np.linalg.norm(change - strong @ (strong.T @ change))))
+        for column in known:
+            change = change - column * (column @ change)
+        length = float(np.linalg.norm(change))
+        size[i] = min(size[i], length)
+        if NORMAL < length < math.inf:
+            known.append(change / length)
     return size, directions
 
 
