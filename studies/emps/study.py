@@ -298,12 +298,9 @@ def pulse_sign(time: Signal, position: Signal, command: Signal, pulses: Signal) 
     from scipy.signal import savgol_filter
 
     step = float(np.median(np.diff(time)))
-
-    def smooth(signal: Signal, order: int = 0) -> Signal:
-        return np.asarray(savgol_filter(signal, 21, 3, deriv=order, delta=step), dtype=np.float64)
-
-    v, force = smooth(position, 1), FORCE * smooth(command)
-    columns = np.column_stack([smooth(position, 2), v, np.sign(v), np.ones_like(v), -smooth(pulses)])
+    x, v, a = (np.asarray(savgol_filter(position, 21, 3, deriv=order, delta=step)) for order in (0, 1, 2))
+    force = FORCE * np.asarray(savgol_filter(command, 21, 3))
+    columns = np.column_stack([a, v, np.sign(v), np.ones_like(x), -np.asarray(savgol_filter(pulses, 21, 3))])
     return math.copysign(1.0, float(np.linalg.lstsq(columns, force, rcond=None)[0][-1]))
 
 

@@ -16,10 +16,10 @@ from ..system.system import System
 
 Array = NDArray[np.float64]
 
-POINTS = 4096
+POINTS = 8192
 """Communication points in the table: it stays in the cache, and filling it costs little a point."""
 
-BLOCK = 1024
+BLOCK = 4096
 """Numbers of noise that are drawn together, from the seed and the number of their block."""
 
 

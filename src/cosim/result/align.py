@@ -14,7 +14,7 @@ from ..errors import DescriptionError, suggest
 from ..record.read import Record
 from ..units import parse_unit
 from .metrics import Array, window
-from .result import Result
+from .summary import Recorded
 
 LEAST_OVERLAP = 0.5
 """Of the shorter recording, which a delay must leave: less says little about it."""
@@ -51,14 +51,14 @@ class Side:
         return self.values[name]
 
 
-def side_of(source: Result | Record, label: str) -> Side:
+def side_of(source: Recorded | Record, label: str) -> Side:
     """A result or a record as a side. Raises DescriptionError if it has less than two samples."""
     if source.time.size < 2:
         raise DescriptionError(f"{label}: {source.time.size} samples: give a recording with at least 2.")
-    if isinstance(source, Result):
-        values = {name: source[name] for name in source.names}
-        return Side(label, source.time, values, {c.name: c.unit for c in source.columns}, source.metadata)
-    return Side(label, source.time, dict(source.columns), dict(source.units), source.metadata)
+    if isinstance(source, Record):
+        return Side(label, source.time, dict(source.columns), dict(source.units), source.metadata)
+    values = {name: source[name] for name in source.names}
+    return Side(label, source.time, values, {name: source.unit(name) for name in values}, source.metadata)
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list
     spectra = [
         Panel(
             "Density",
-            f"{entry.unit}/Hz0.5",
+            f"{typeset(entry.unit)}/\N{SQUARE ROOT}Hz",
             (Series(entry.name, entry.spectrum.frequency, entry.spectrum.density),),
             log=True,
         )

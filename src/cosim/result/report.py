@@ -116,12 +116,19 @@ def write_report(path: Path, title: str, sections: Sequence[Section], *, subtitl
     return write_file(path, _render(title, subtitle, sections, content, script))
 
 
-def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequence[str], script: str) -> str:
-    environment = Environment(
+def environment() -> Environment:
+    """Where the templates of this room are."""
+    found = Environment(
         loader=PackageLoader("cosim.result"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    environment.filters["number"] = _number
-    environment.tests["text"] = lambda value: isinstance(value, str)
+    found.filters["number"] = _number
+    found.filters["typeset"] = typeset
+    found.tests["text"] = lambda value: isinstance(value, str)
+    return found
+
+
+def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequence[str], script: str) -> str:
+    templates = environment()
     content = iter(charts)
     blocks: list[dict[str, Any]] = []
     for i, section in enumerate(sections):
@@ -138,14 +145,14 @@ def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequ
         maker = f"cosim {version('motion-cosim')}"
     except PackageNotFoundError:
         maker = "cosim"
-    return environment.get_template("report.html").render(
+    return templates.get_template("report.html").render(
         title=title,
         subtitle=subtitle,
         sections=blocks,
         maker=maker,
         # Chosen here and by plotly: no text of a user comes into the scripts but as JSON.
         plotly=Markup(script.replace("</script", "<\\/script")),
-        code=Markup(environment.loader.get_source(environment, "report.js")[0] if environment.loader else ""),
+        code=Markup(templates.loader.get_source(templates, "report.js")[0] if templates.loader else ""),
         colours=Markup(_json({"light": COLOURS, "dark": DARK_COLOURS})),
         markup=Markup,
     )
