@@ -29,8 +29,7 @@ from ..errors import DescriptionError
 from ..record.read import read_record
 from ..result.metrics import Array, window
 from ..units import conversion, parse_unit
-from .fit_file import fast_noise
-from .fit_statistics import NORMAL, memory
+from .fit_statistics import NORMAL, fast_noise, memory
 
 ORDER = 3
 """Of the local polynomial: the lowest that keeps an acceleration that changes."""
