@@ -339,6 +339,20 @@ def test_the_command_writes_values_that_a_system_takes(
     assert "Records against the system" in page.read_text()
 
 
+def test_a_folder_that_cannot_be_made_is_told_before_the_fit(
+    record: Write, folder: Path, native: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record("first.csv")
+    write_toml(folder / "fit.toml", problem(system="none.toml", colour=1))
+    taken = folder / "loop.toml" / "out"
+    assert main(["fit", str(folder / "fit.toml"), "--output", str(taken), "--fmus", str(native)]) == 2
+    assert "a part of the path is a file" in capsys.readouterr().err
+    assert main(["fit", str(folder / "fit.toml"), "--fmus", str(native)]) == 2
+    told = capsys.readouterr().err
+    assert "colour: unknown key" in told
+    assert "none.toml: no such file" in told
+
+
 def test_a_dry_run_shows_sensitivities_and_fits_nothing(
     record: Write, folder: Path, native: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

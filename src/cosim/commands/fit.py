@@ -32,10 +32,13 @@ def add(commands: Any) -> None:
 
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
+    from ..files import check_writable
     from ..result.report import check_report
 
     if options.report is not None:
         check_report(options.report)
+    if options.output is not None:
+        check_writable(options.output / "start.toml")
     problem = fit.read_fit(options.file, fmus=options.fmus)
     for note in problem.notes:
         print_note(f"note: {note}")

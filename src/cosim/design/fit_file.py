@@ -179,7 +179,10 @@ class _Reader:
         self.problems = problems
         self.notes: list[str] = []
         path = shipped_file(folder / data.system)
-        self.system_folder, self.document = path.parent, load_document(path)
+        try:
+            self.system_folder, self.document = path.parent, load_document(path)
+        except DescriptionError as error:
+            raise DescriptionError([*problems, *error.problems]) from None
 
     def fit(self) -> Fit:
         if all(record.use == "validate" for record in self.data.records.values()):
