@@ -69,7 +69,7 @@ def main() -> None:
         fill(tables, first, last)
         spent += time.process_time() - begun
 
-    Tables.fill = timed
+    Tables.fill = timed  # pyright: ignore[reportAttributeAccessIssue]
     with TemporaryDirectory() as folder:
         path = Path(folder) / "log.csv"
         direct = make_system(document("FMU as source", rows), folder=folder)
