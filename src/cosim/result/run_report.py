@@ -131,7 +131,7 @@ def _change(wire: Mapping[str, Any]) -> str:
     (before, after), factor = wire["units"], wire["factor"]
     said = [f"\N{MULTIPLICATION SIGN}{factor:.5g}"] if factor != 1.0 else []
     said += [typeset(after)] if after != before else []
-    said += [f"+ noise {wire['noise']:.3g}"] if "noise" in wire else []
+    said += [f"+ noise {wire['noise']:.3g} {typeset(after)}".rstrip()] if "noise" in wire else []
     return " ".join(said)
 
 
