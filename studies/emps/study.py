@@ -339,6 +339,46 @@ def agreement_chapter(found: Outcomes) -> str:
     return "\n".join(lines)
 
 
+VALUES = {
+    "M": ("M", "kg", 1.0),
+    "Fv": ("F_v, positive", "N/(m/s)", 1.0),
+    "sigma_2_negative": ("F_v negative over positive", "", 1.0),
+    "Fc": ("F_C, positive", "N", 1.0),
+    "F_C_negative": ("F_C negative over positive", "", 1.0),
+    "offset": ("offset", "N", 1.0),
+    "Fs": ("F_S", "N", 1.0),
+    "vs": ("v_s", "mm/s", 1e3),
+    "sigma_0": ("sigma_0", "N/µm", 1e-6),
+    "drive_lag": ("lag of the drive", "ms", 1e3),
+    "ripple_1": ("ripple once a turn", "N", 1.0),
+    "ripple_2": ("ripple twice a turn", "N", 1.0),
+}
+"""Name of a figure -> its name, unit and factor in the report."""
+
+
+def values_chapter(found: Outcomes) -> str:
+    """Fitted values at the table, with half of their 95 % intervals."""
+    names = list(plants())
+    lines = ["| value | unit | " + " | ".join(names) + " |", "|---|---|" + "---|" * len(names)]
+    for key, (text, unit, factor) in VALUES.items():
+        cells: list[str] = []
+        for name in names:
+            numbers = found[name].numbers
+            half = 1.96 * factor * numbers.get(f"{key}_s", math.inf)
+            shown = f"{factor * numbers[key]:.4g} ± {half:.2g}" if key in numbers else ""
+            cells.append(
+                shown if math.isfinite(half) or key not in numbers else f"{factor * numbers[key]:.4g}, not told"
+            )
+        lines.append(f"| {text} | {unit} | " + " | ".join(cells) + " |")
+    ended = ", ".join(
+        f"{name}: {found[name].numbers['loops']:.0f} runs in {found[name].numbers['seconds']:.0f} s, "
+        f"{100 * found[name].numbers['share_in_runs']:.0f} % of it in runs"
+        + ("" if found[name].numbers["converged"] else ", **not converged**")
+        for name in names
+    )
+    return "\n".join(lines) + f"\n\nThe fits on two cores, which did other work, too: {ended}.\n"
+
+
 def choices_chapter(found: Outcomes) -> str:
     """What was chosen after the record was seen."""
     return "\n".join(f"* **{plant.text}**: {plant.chosen}" for plant in plants().values())
@@ -348,6 +388,10 @@ STUDY = read_study(
     HERE / "claims.toml",
     {name: Run("fits/axis.toml") for name in ("least_squares", *ROWS)},
     {},
-    chapters={"Plants against the record": agreement_chapter, "What was chosen after seeing it": choices_chapter},
+    chapters={
+        "Plants against the record": agreement_chapter,
+        "Fitted values": values_chapter,
+        "What was chosen after seeing it": choices_chapter,
+    },
     outcomes=outcomes,
 )

@@ -170,6 +170,18 @@ def memory(residual: Array) -> int:
     return int(below[0]) - 1 if below.size else count // 10
 
 
+def fast_noise(values: Array) -> float:
+    """Standard deviation of white noise in ``values`` from their third differences, which slow motion does not reach.
+
+    The median of their magnitudes is taken, so that jumps do not count: 0.6745 is that of a normal distribution, 20
+    the sum of the squares of the weights 1, 3, 3, 1.
+    """
+    if len(values) < 4:
+        return 0.0
+    third = np.diff(values, 3)
+    return float(np.median(np.abs(third))) / (0.6745 * math.sqrt(20.0))
+
+
 # ---- residuals ----
 
 

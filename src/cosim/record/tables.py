@@ -168,7 +168,7 @@ class MatTable(_Arrays):
             raise DescriptionError(
                 f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7."
             ) from None
-        except (ValueError, TypeError, OSError, EOFError, KeyError, IndexError, MemoryError) as error:
+        except Exception as error:  # of any class: scipy raises what it happens to meet in a damaged file
             raise DescriptionError(f"{path}: is no MAT file that can be read ({error}).") from None
         vectors: dict[str, NDArray[np.float64]] = {}
         metadata: dict[str, object] = {}
