@@ -316,11 +316,17 @@ def run_panels(result: Recorded) -> list[Panel]:
                 )
             )
     else:
-        for unit in dict.fromkeys(result.unit(name) for name in result.names):
-            members = tuple(
-                Series(name, result.time, result[name]) for name in result.names if result.unit(name) == unit
-            )
-            panels.append(Panel("Value", unit, members))
+        panels += signal_panels(result, result.names)
+    return panels
+
+
+def signal_panels(result: Recorded, names: Sequence[str], most: int | None = None) -> list[Panel]:
+    """Signals over time, those of one unit in one panel, or in several with at most ``most`` lines."""
+    panels: list[Panel] = []
+    for unit in dict.fromkeys(result.unit(name) for name in names):
+        members = tuple(Series(name, result.time, result[name]) for name in names if result.unit(name) == unit)
+        step = most or len(members)
+        panels += [Panel("Value", unit, members[first : first + step]) for first in range(0, len(members), step)]
     return panels
 
 
