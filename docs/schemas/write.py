@@ -11,8 +11,10 @@ from pydantic import BaseModel
 from cosim.design.documents import FitData, MapData, SweepData, TuningData
 from cosim.design.names import AxisNames, NctfNames
 from cosim.study.claims import ClaimsData
+from cosim.system.schema import SystemData
 
 MODELS: Mapping[str, type[BaseModel]] = {
+    "system": SystemData,
     "sweep": SweepData,
     "tuning": TuningData,
     "map": MapData,

@@ -180,11 +180,14 @@ def parse_unit(text: str) -> Unit:
 def resolve_unit(name: str, *definitions: Mapping[str, Unit]) -> Unit | None:
     """The unit that files or this module mean by ``name``; None if nobody knows it.
 
-    The first of ``definitions`` that holds the name decides, the table of this module comes last.
+    The first of ``definitions`` that holds the name decides, the table of this module comes last. A name in square
+    brackets, ``[mm]``, means what it means without them.
     """
     for defined in definitions:
         if name in defined:
             return defined[name]
+    if name.startswith("[") and name.endswith("]"):
+        return resolve_unit(name[1:-1], *definitions)
     try:
         return parse_unit(name)
     except DescriptionError:

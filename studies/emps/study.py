@@ -43,6 +43,7 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
     },
 }
 Told = Callable[[Outcome], None]
+Signal = np.ndarray[Any, np.dtype[np.float64]]
 
 
 # ---- fit files ----
@@ -133,7 +134,7 @@ def figures(fitted: Fitted) -> dict[str, float]:
     }
 
 
-def rms(signal: np.ndarray[Any, Any]) -> float:
+def rms(signal: Signal) -> float:
     return math.sqrt(float(np.mean(signal**2)))
 
 
@@ -158,7 +159,7 @@ def physical(fitted: Fitted) -> dict[str, float]:
     return found
 
 
-def ripple_starts(comparison: Comparison, position: np.ndarray[Any, Any]) -> dict[str, float]:
+def ripple_starts(comparison: Comparison, position: Signal) -> dict[str, float]:
     """Amplitude and phase of the torque that the residual of the command shows over the turn.
 
     The loop answers a torque of the plant by one against it: what the measured command has more is that, negative.
@@ -292,14 +293,14 @@ def with_pulses(fitted: Fitted, data: Path, fmus: Path | None, jobs: int) -> dic
     return {**numbers, "sign_of_pulses": sign, "least_squares_M": look.value("inertia").value}
 
 
-def pulse_sign(time: np.ndarray[Any, Any], position: Any, command: Any, pulses: Any) -> float:
+def pulse_sign(time: Signal, position: Signal, command: Signal, pulses: Signal) -> float:
     """1 if pulses push towards positive position beside the force of the command, -1 if they push against it."""
     from scipy.signal import savgol_filter
 
     step = float(np.median(np.diff(time)))
-    x, v, a = (savgol_filter(position, 21, 3, deriv=order, delta=step) for order in (0, 1, 2))
-    force = FORCE * savgol_filter(command, 21, 3)
-    columns = np.column_stack([a, v, np.sign(v), np.ones_like(x), -savgol_filter(pulses, 21, 3)])
+    x, v, a = (np.asarray(savgol_filter(position, 21, 3, deriv=order, delta=step)) for order in (0, 1, 2))
+    force = FORCE * np.asarray(savgol_filter(command, 21, 3))
+    columns = np.column_stack([a, v, np.sign(v), np.ones_like(x), -np.asarray(savgol_filter(pulses, 21, 3))])
     return math.copysign(1.0, float(np.linalg.lstsq(columns, force, rcond=None)[0][-1]))
 
 
@@ -338,6 +339,46 @@ def agreement_chapter(found: Outcomes) -> str:
     return "\n".join(lines)
 
 
+VALUES = {
+    "M": ("M", "kg", 1.0),
+    "Fv": ("F_v, positive", "N/(m/s)", 1.0),
+    "sigma_2_negative": ("F_v negative over positive", "", 1.0),
+    "Fc": ("F_C, positive", "N", 1.0),
+    "F_C_negative": ("F_C negative over positive", "", 1.0),
+    "offset": ("offset", "N", 1.0),
+    "Fs": ("F_S", "N", 1.0),
+    "vs": ("v_s", "mm/s", 1e3),
+    "sigma_0": ("sigma_0", "N/µm", 1e-6),
+    "drive_lag": ("lag of the drive", "ms", 1e3),
+    "ripple_1": ("ripple once a turn", "N", 1.0),
+    "ripple_2": ("ripple twice a turn", "N", 1.0),
+}
+"""Name of a figure -> its name, unit and factor in the report."""
+
+
+def values_chapter(found: Outcomes) -> str:
+    """Fitted values at the table, with half of their 95 % intervals."""
+    names = list(plants())
+    lines = ["| value | unit | " + " | ".join(names) + " |", "|---|---|" + "---|" * len(names)]
+    for key, (text, unit, factor) in VALUES.items():
+        cells: list[str] = []
+        for name in names:
+            numbers = found[name].numbers
+            half = 1.96 * factor * numbers.get(f"{key}_s", math.inf)
+            shown = f"{factor * numbers[key]:.4g} ± {half:.2g}" if key in numbers else ""
+            cells.append(
+                shown if math.isfinite(half) or key not in numbers else f"{factor * numbers[key]:.4g}, not told"
+            )
+        lines.append(f"| {text} | {unit} | " + " | ".join(cells) + " |")
+    ended = ", ".join(
+        f"{name}: {found[name].numbers['loops']:.0f} runs in {found[name].numbers['seconds']:.0f} s, "
+        f"{100 * found[name].numbers['share_in_runs']:.0f} % of it in runs"
+        + ("" if found[name].numbers["converged"] else ", **not converged**")
+        for name in names
+    )
+    return "\n".join(lines) + f"\n\nThe fits on two cores, which did other work, too: {ended}.\n"
+
+
 def choices_chapter(found: Outcomes) -> str:
     """What was chosen after the record was seen."""
     return "\n".join(f"* **{plant.text}**: {plant.chosen}" for plant in plants().values())
@@ -347,6 +388,10 @@ STUDY = read_study(
     HERE / "claims.toml",
     {name: Run("fits/axis.toml") for name in ("least_squares", *ROWS)},
     {},
-    chapters={"Plants against the record": agreement_chapter, "What was chosen after seeing it": choices_chapter},
+    chapters={
+        "Plants against the record": agreement_chapter,
+        "Fitted values": values_chapter,
+        "What was chosen after seeing it": choices_chapter,
+    },
     outcomes=outcomes,
 )

@@ -233,6 +233,24 @@ def test_records_come_in_their_own_units(record: Write, fitted: Fit) -> None:
     assert fitted().values == pytest.approx(wanted, rel=1e-6)
 
 
+def test_the_run_begins_with_the_first_sample_of_a_record_that_drives_it(
+    record: Write, fitted: Fit, folder: Path, clean: Mapping[str, np.ndarray]
+) -> None:
+    def later(columns: dict[str, np.ndarray]) -> None:
+        columns["r"] = 3e-3 * np.sin(8.0 * math.pi * clean["t"])
+        columns["t"] += 100.0
+
+    driven = SYSTEM.replace("trajectory.position", "log.r").replace('[instances.trajectory]\nfmu = "Trajectory"\n', "")
+    driven = driven.replace('start = { kind = "sine", amplitude = 3e-3, frequency = 4.0 }\n', "")
+    (folder / "driven.toml").write_text(driven + '[signals.log]\nfile = "late.csv"\n')
+    record("late.csv", later, units="s,m,V,m")
+    records = {"late": {"file": "late.csv", "window": [100.1, 100.4]}}
+    found = fitted(system="driven.toml", records=records)
+    assert found.values["plant.m"] == pytest.approx(60.0, rel=0.005)
+    assert found.comparisons[0].time[[0, -1]] == pytest.approx([0.1, 0.4])
+    assert found.comparisons[0].rms == pytest.approx(2e-8, rel=0.1)
+
+
 def test_figures_of_the_tracking_error(record: Write, fitted: Fit, clean: Mapping[str, np.ndarray]) -> None:
     def with_reference(columns: dict[str, np.ndarray]) -> None:
         columns["r"] = 3e-3 * np.sin(8.0 * math.pi * clean["t"])
@@ -319,6 +337,20 @@ def test_the_command_writes_values_that_a_system_takes(
     start = dict(read_system(folder / "start.toml", fmus=native).instance("plant").start)
     assert start["F_C"] == pytest.approx(told["parameters"]["plant.F_C"]["value"], rel=1e-9)
     assert "Records against the system" in page.read_text()
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_fit(
+    record: Write, folder: Path, native: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record("first.csv")
+    write_toml(folder / "fit.toml", problem(system="none.toml", colour=1))
+    taken = folder / "loop.toml" / "out"
+    assert main(["fit", str(folder / "fit.toml"), "--output", str(taken), "--fmus", str(native)]) == 2
+    assert "a part of the path is a file" in capsys.readouterr().err
+    assert main(["fit", str(folder / "fit.toml"), "--fmus", str(native)]) == 2
+    told = capsys.readouterr().err
+    assert "colour: unknown key" in told
+    assert "none.toml: no such file" in told
 
 
 def test_a_dry_run_shows_sensitivities_and_fits_nothing(

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.design.fit_file import fast_noise
-from cosim.design.fit_statistics import Block, agreement, memory, peaks, repeatability, spread, untold
+from cosim.design.fit_statistics import Block, agreement, fast_noise, memory, peaks, repeatability, spread, untold
 
 
 def coloured(random: np.random.Generator, count: int, pole: float) -> np.ndarray:

@@ -114,6 +114,19 @@ def test_a_log_in_which_nothing_moves_is_refused() -> None:
         friction_from_signals(t, noise, np.sin(t))
 
 
+def test_a_force_that_never_changes_is_refused() -> None:
+    t, x, force = fast_motion()
+    with pytest.raises(DescriptionError, match="the force is 0 N in all samples"):
+        friction_from_signals(t, x, 0.0 * force)
+
+
+def test_a_force_with_the_wrong_sign_gives_no_inertia() -> None:
+    t, x, force = fast_motion()
+    inertia = friction_from_signals(t, x, -force).value("inertia")
+    assert not inertia.excited
+    assert "must push towards positive position" in inertia.why
+
+
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["identify", "friction", str(EXAMPLES / "stage.csv"), "--force", "command", "--unit", "N"]
     arguments += ["--factor", repr(FACTOR)]

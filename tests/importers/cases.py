@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import copy
-import io
 import math
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import fmpy
 
@@ -160,7 +157,7 @@ def _system_case(system: System, name: str, folder: Path, order: str, steps: int
     stem = name.replace("/", "_").replace(" ", "_")
     package = write_ssp(system, folder / f"{stem}.ssp")
     if "Enumeration" in changed:
-        declare_integers(package, folder / f"{stem}.integers.ssp")
+        write_ssp(system, folder / f"{stem}.integers.ssp", integers=True)
     job = {
         "kind": "system",
         "path": str(package),
@@ -201,32 +198,6 @@ def _case(job: dict[str, Any], system: System, entries: Sequence[tuple[str, str]
         for name, variable in entries
     )
     return Case(job, rows[1:], rows[0], delayed)
-
-
-def declare_integers(package: Path, target: Path) -> None:
-    """Write the SSP again with FMUs that declare every Enumeration as Integer; the binaries stay as they are.
-
-    FMI 2.0 sets both by ``fmi2SetInteger``, so importers that know no Enumeration can set these.
-    """
-    with zipfile.ZipFile(package) as source, zipfile.ZipFile(target, "w") as archive:
-        for member in source.infolist():
-            content = source.read(member)
-            archive.writestr(member, _integers(content) if member.filename.endswith(".fmu") else content)
-
-
-def _integers(fmu: bytes) -> bytes:
-    written = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(fmu)) as source, zipfile.ZipFile(written, "w") as archive:
-        for member in source.infolist():
-            content = source.read(member)
-            if member.filename == "modelDescription.xml":
-                root = ElementTree.fromstring(content)
-                for element in root.findall("ModelVariables/ScalarVariable/Enumeration"):
-                    element.tag = "Integer"
-                    element.attrib.pop("declaredType", None)
-                content = ElementTree.tostring(root, xml_declaration=True, encoding="UTF-8")
-            archive.writestr(member, content)
-    return written.getvalue()
 
 
 def compare(case: Case, rows: Sequence[Sequence[float]]) -> tuple[float, str]:

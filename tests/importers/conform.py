@@ -474,8 +474,9 @@ NOTES = """
 - Read right after a step, a controller's output is the one applied over that step; an importer that first sets new
   inputs sees the answer to them. Both are compared with the row of `cosim run` that shows the same sample.
 - libcosim and ecos know no FMI 2.0 variable of type Enumeration, neither from an SSP nor through their API. Systems
-  that set one run there with copies of the FMUs whose modelDescription.xml declares it as Integer; the binary is the
-  same. `cosim export` writes such values as `ssv:Integer`, which all importers read past.
+  that set one run there as `cosim export --enumerations integer` writes them: the FMUs in the package declare it as
+  Integer, the binary is the same. Without the option such values are `ssv:Integer` for an Enumeration, which both read
+  past; `cosim export` says so.
 - ecos applies parameters only under the name of their set: `init(parameter_set="start")`.
 - fmuloader is run with `cannot_use_memory_management_functions=True`.
 - The FMU manipulation toolbox reads the structure of an SSP; parameters and outputs are told to it through its API.

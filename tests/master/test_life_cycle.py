@@ -99,3 +99,15 @@ def test_after_fatal_nothing_is_called(fmus: Path) -> None:
             simulation.run()
         with pytest.raises(SimulationError, match="no call of fmi2GetReal any more"):
             simulation.value("goes", "y")
+
+
+@pytest.mark.parametrize("gain", [1.0, 3.0, -0.5])
+def test_start_values_lost_at_initialization_are_set_again(tmp_path: Path, gain: float) -> None:
+    write_fmu(tmp_path / "Forgetful.fmu", PROBE, binary=probe_library("forgetful").read_bytes())
+    document: dict[str, Any] = {
+        "instances": {"lag": {"fmu": "Forgetful", "start": {"gain": gain, "u": 2.0, "label": "x", "flag_in": True}}},
+        "experiment": {"stop_time": 1.0, "step_size": 0.5},
+        "record": {"variables": ["lag.z"]},
+    }
+    result = simulate(make_system(document, fmus=tmp_path))
+    assert result["lag.z"].tolist() == [2.0 * gain] * 3

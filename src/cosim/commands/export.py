@@ -25,6 +25,12 @@ def add(commands: Any) -> None:
     export.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="SYSTEM.ssp, or SYSTEM.toml with SYSTEM_fmus/"
     )
+    export.add_argument(
+        "--enumerations",
+        choices=("keep", "integer"),
+        default="keep",
+        help="integer: FMUs in an .ssp declare enumerations as whole numbers, for libcosim and ecos, which know none",
+    )
     export.set_defaults(command=_run)
 
 
@@ -33,15 +39,19 @@ def _run(options: argparse.Namespace) -> int:
     from ..system.ssp_write import lost_elsewhere, write_ssp
     from ..system.toml_write import write_system
 
-    writers = {".ssp": write_ssp, ".toml": write_system}
-    suffix = options.output.suffix.lower()
-    if suffix not in writers:
+    suffix, integers = options.output.suffix.lower(), options.enumerations == "integer"
+    if suffix not in (".ssp", ".toml"):
         raise DescriptionError(f"{options.output}: write to a file that ends in .ssp or .toml.")
+    if suffix == ".toml" and integers:
+        raise DescriptionError("--enumerations integer: only for an .ssp; a .toml names the items.")
     system = given_system(options)
-    path = writers[suffix](system, options.output)
+    if suffix == ".toml":
+        path = write_system(system, options.output)
+    else:
+        path = write_ssp(system, options.output, integers=integers)
     standard_output().print(
         f"{escape(str(path))}: {len(system.instances)} instances, {len(system.connections)} connections."
     )
-    for lost in lost_elsewhere(system) if suffix == ".ssp" else ():
+    for lost in lost_elsewhere(system, integers=integers) if suffix == ".ssp" else ():
         print_note(f"note: {lost}")
     return 0

@@ -32,10 +32,13 @@ def add(commands: Any) -> None:
 
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
+    from ..files import check_writable
     from ..result.report import check_report
 
     if options.report is not None:
         check_report(options.report)
+    if options.output is not None:
+        check_writable(options.output / "start.toml")
     problem = fit.read_fit(options.file, fmus=options.fmus)
     for note in problem.notes:
         print_note(f"note: {note}")
@@ -65,10 +68,10 @@ def _show(options: argparse.Namespace, fitted: Fitted) -> None:
         return
     title = f"{options.file}: {'nothing fitted' if options.dry_run else fitted.message}"
     title += f"; {fitted.loops} runs of a record in {fitted.seconds:.3g} s"
-    rows: list[tuple[str, ...]] = [("", "Start" if options.dry_run else "Value", "95 % from", "to", "Unit")]
+    rows: list[tuple[str, ...]] = [("", "Start" if options.dry_run else "Value", "+- 95 %", "Unit")]
     for e in fitted.estimates:
-        ends = (f"{e.low:.6g}", f"{e.high:.6g}") if e.told else ("not told", "")
-        rows.append((e.name + (" (at its bound)" if e.at_bound else ""), f"{e.value:.6g}", *ends, e.unit))
+        half = f"{0.5 * (e.high - e.low):.2g}" if e.told else "not told"
+        rows.append((e.name + (" (at its bound)" if e.at_bound else ""), f"{e.value:.7g}", half, e.unit))
     show(options, {}, rows, title)
     outputs = list(fitted.fit.outputs)
     rows = [("1 % more of", *(f"{o.name} / {o.unit} rms" for o in outputs))]

@@ -61,6 +61,7 @@ from ..system.document import load_document
 from ..system.system import System, make_system
 from ..units import conversion
 from .documents import FitData, FreeData, OutputData, ParameterData, RecordData
+from .fit_statistics import fast_noise
 
 LEAST_SAMPLES = 20
 """Samples of a record in its window: fewer tell nothing about noise."""
@@ -178,7 +179,10 @@ class _Reader:
         self.problems = problems
         self.notes: list[str] = []
         path = shipped_file(folder / data.system)
-        self.system_folder, self.document = path.parent, load_document(path)
+        try:
+            self.system_folder, self.document = path.parent, load_document(path)
+        except DescriptionError as error:
+            raise DescriptionError([*problems, *error.problems]) from None
 
     def fit(self) -> Fit:
         if all(record.use == "validate" for record in self.data.records.values()):
@@ -252,21 +256,23 @@ class _Reader:
         return record
 
     def _system(self, name: str, record: Record) -> System | None:
-        """The system with this record as its source."""
+        """The system with this record as its source: where it is one, the run begins with its first sample."""
         given = self.data.records[name]
         signals = dict(cast("Mapping[str, Any]", self.document.get("signals", {})))
         for table in signals if given.signals is None else given.signals:
             if table not in signals:
                 self._problem(f"records.{name}.signals", f"no table [signals.{table}].{suggest(table, signals)}")
                 continue
-            signals[table] = {**signals[table], "file": str(record.path.resolve())}
+            begin = {} if "start_time" in signals[table] else {"start_time": float(record.time[0])}
+            signals[table] = {**signals[table], "file": str(record.path.resolve()), **begin}
         experiment = {key: value for key, value in self.data.experiment.model_dump().items() if value is not None}
         document = {**self.document, **({"signals": signals} if signals else {})}
         try:
             step = Fraction(str(experiment.get("step_size", document.get("experiment", {}).get("step_size", 0))))
             if step > 0 and "stop_time" not in experiment:
                 # The last communication point that the record still covers.
-                steps = math.floor(Fraction(repr(float(record.time[-1]))) / step + Fraction(1, 10**6))
+                last = float(record.time[-1]) - self._shift(record)
+                steps = math.floor(Fraction(repr(last)) / step + Fraction(1, 10**6))
                 experiment["stop_time"] = Decimal(repr(float(max(steps, 1) * step)))
             system = make_system(
                 {**document, "experiment": {**document.get("experiment", {}), **experiment}},
@@ -282,11 +288,17 @@ class _Reader:
             self.problems += new
             return None
 
+    def _shift(self, record: Record) -> float:
+        """Time of the record at the start of the run, less that start: 0 where the record is no source of the run."""
+        start = float(self.document.get("experiment", {}).get("start_time", 0))
+        return float(record.time[0]) - start if self.document.get("signals") else 0.0
+
     def _record(
         self, name: str, record: Record, system: System, columns: Mapping[str, Array], references: Mapping[str, Array]
     ) -> FitRecord:
-        given, time = self.data.records[name], record.time
-        low, high = given.window or (-math.inf, math.inf)
+        given, shift = self.data.records[name], self._shift(record)
+        time = record.time - shift if shift else record.time
+        low, high = (end - shift for end in given.window or (-math.inf, math.inf))
         # A sample that is late shows what was before the start: it is left out.
         latest = max(_most(output.delay) for output in self.data.outputs.values())
         low = max(low, float(system.start_time) + latest)
@@ -295,8 +307,8 @@ class _Reader:
         if end - begin < LEAST_SAMPLES:
             self._problem(
                 f"records.{name}",
-                f"{end - begin} samples from {low:g} s to {high:g} s. At least {LEAST_SAMPLES} are needed; the record "
-                f"goes from {time[0]:g} s to {time[-1]:g} s.",
+                f"{end - begin} samples from {low + shift:g} s to {high + shift:g} s. At least {LEAST_SAMPLES} are "
+                f"needed; the record goes from {record.time[0]:g} s to {record.time[-1]:g} s.",
             )
         if given.period is not None and not 0.0 < given.period < time[-1] - time[0]:
             self._problem(f"records.{name}.period", f"{given.period:g} s is longer than the record.")
@@ -484,15 +496,3 @@ def _most(value: float | FreeData) -> float:
     if isinstance(value, FreeData):
         return max(value.high or 0.0, 0.0)
     return max(value, 0.0)
-
-
-def fast_noise(values: Array) -> float:
-    """Standard deviation of white noise in ``values`` from their third differences, which slow motion does not reach.
-
-    The median of their magnitudes is taken, so that jumps do not count: 0.6745 is that of a normal distribution, 20
-    the sum of the squares of the weights 1, 3, 3, 1.
-    """
-    if len(values) < 4:
-        return 0.0
-    third = np.diff(values, 3)
-    return float(np.median(np.abs(third))) / (0.6745 * math.sqrt(20.0))

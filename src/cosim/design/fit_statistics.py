@@ -106,15 +106,20 @@ Look = Callable[[Array], Array]
 def _directions(J: Array, look: Look) -> tuple[Array, Array]:
     """Directions in the space of the values, one a row, and the change of the residuals along each.
 
-    Of a faint direction that change counts which no small move along the strong ones makes up: where the faint one is
-    a little off, or bent, it is theirs.
+    Of a faint direction that change counts which no small move along those that are told makes up: where the faint
+    one is a little off, or bent, it is theirs.
     """
     left, singular, directions = np.linalg.svd(J, full_matrices=False)
-    strong = left[:, singular >= FAINT * singular[0]]
+    known = [column for column, s in zip(left.T, singular, strict=True) if s >= FAINT * singular[0]]
     size = singular.copy()
-    for i in np.flatnonzero(singular < FAINT * singular[0]):
+    for i in range(len(known), len(singular)):
         change = look(directions[i])
-        size[i] = min(size[i], float(np.linalg.norm(change - strong @ (strong.T @ change))))
+        for column in known:
+            change = change - column * (column @ change)
+        length = float(np.linalg.norm(change))
+        size[i] = min(size[i], length)
+        if NORMAL < length < math.inf:
+            known.append(change / length)
     return size, directions
 
 
@@ -163,6 +168,18 @@ def memory(residual: Array) -> int:
     correlation = np.fft.irfft(spectrum, size)[: count // 10 + 1] / power
     below = np.flatnonzero(correlation < NORMAL / math.sqrt(count))
     return int(below[0]) - 1 if below.size else count // 10
+
+
+def fast_noise(values: Array) -> float:
+    """Standard deviation of white noise in ``values`` from their third differences, which slow motion does not reach.
+
+    The median of their magnitudes is taken, so that jumps do not count: 0.6745 is that of a normal distribution, 20
+    the sum of the squares of the weights 1, 3, 3, 1.
+    """
+    if len(values) < 4:
+        return 0.0
+    third = np.diff(values, 3)
+    return float(np.median(np.abs(third))) / (0.6745 * math.sqrt(20.0))
 
 
 # ---- residuals ----

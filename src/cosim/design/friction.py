@@ -29,8 +29,7 @@ from ..errors import DescriptionError
 from ..record.read import read_record
 from ..result.metrics import Array, window
 from ..units import conversion, parse_unit
-from .fit_file import fast_noise
-from .fit_statistics import NORMAL, memory
+from .fit_statistics import NORMAL, fast_noise, memory
 
 ORDER = 3
 """Of the local polynomial: the lowest that keeps an acceleration that changes."""
@@ -143,6 +142,11 @@ def friction_from_signals(
         raise DescriptionError(
             f"a record without excitation: the position moves by {float(np.ptp(position)):.3g} {length}, its noise is "
             f"{noise:.3g} {length}. Take one in which the machine moves."
+        )
+    if float(np.ptp(force)) == 0.0:
+        raise DescriptionError(
+            f"the force is {float(force[0]):g} {unit} in all samples, which tells nothing. Take one that was "
+            "logged, and a factor other than 0."
         )
     return _Look(time, position, force, noise=noise, unit=unit, length=length).look()
 
@@ -269,6 +273,8 @@ class _Look:
                 why = "no motion in this direction"
             elif not excited:
                 why = "the motion does not separate it from the others"
+            elif name == "inertia" and value < -NORMAL * deviation:
+                excited, why = False, "it comes out negative: a positive force must push towards positive position"
             elif name == "inertia" and abs(value) < NORMAL * deviation:
                 excited, why = False, "accelerations are too small beside what else is in the force"
             elif abs(value) < NORMAL * deviation:

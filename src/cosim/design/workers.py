@@ -137,7 +137,7 @@ def simulation_of(loadable: Loadable) -> Simulation:
         system = make_system(loadable.document, name=loadable.name, folder=loadable.folder, fmus=loadable.fmus)
         if system.digest != loadable.digest:
             raise DescriptionError(
-                f"{loadable.name}: this worker finds other FMUs than its owner. "
+                f"{loadable.name}: this worker finds other FMUs or records than its owner. "
                 f"Give all machines the same files below {loadable.folder}."
             )
         _loaded[loadable.digest] = Simulation(system).__enter__()

@@ -69,6 +69,12 @@ class Fmi3Instance(FmuInstance):
         place = variable.whole.index(variable.name) if variable.whole else 0
         return float(self._get(variable)[place])
 
+    def get_all(self, names: Iterable[str]) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for variable, elements in self._wholes([self.fmu.variables[name] for name in names]):
+            found.update(zip((e.name for e in elements), map(float, self._get(variable)), strict=True))
+        return found
+
     def derivatives(self, unknowns: Sequence[Variable], known: Variable) -> Sequence[float]:
         rows = self._wholes(unknowns)
         elements = [element.name for _, whole in rows for element in whole]

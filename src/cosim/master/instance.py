@@ -307,6 +307,34 @@ class FmuInstance:
         self.call(f"fmi2Get{variable.passed_as}", value_references([variable]), 1, buffer)
         return float(buffer[0])
 
+    def get_all(self, names: Iterable[str]) -> dict[str, float]:
+        """Read numeric variables by name, those of one type in one call."""
+        found: dict[str, float] = {}
+        for kind, group in self._grouped(names).items():
+            buffer = self._buffer(kind, [0] * len(group))
+            self.call(f"fmi2Get{kind}", value_references(group), len(group), buffer)
+            found.update(zip((variable.name for variable in group), map(float, buffer), strict=True))
+        return found
+
+    def keep(self, start: Mapping[str, Any]) -> None:
+        """Set again the start values that the FMU lost when initialization began: some take their own ones then."""
+        variables = self.fmu.variables
+        given = {
+            name: float(value)
+            for name, value in start.items()
+            if not isinstance(value, str)
+            and (variables[name].initial == "exact" or variables[name].causality == "input")
+        }
+        try:
+            found = self.get_all(given)
+        except CallError:
+            if self.fatal:
+                raise
+            return  # an FMU that shows no values now is taken at its word
+        lost = [name for name, value in given.items() if found[name] != value]
+        if lost:
+            self.set_all({name: start[name] for name in lost})
+
     def derivatives(self, unknowns: Sequence[Variable], known: Variable) -> Sequence[float]:
         """Partial derivatives of ``unknowns`` by ``known`` where the instance is now."""
         found, seed = (ctypes.c_double * len(unknowns))(), (ctypes.c_double * 1)(1.0)

@@ -162,6 +162,8 @@ class Run:
         for slave in self.slaves:
             tolerance = (slave.fmu.tolerance if system.tolerance is None else system.tolerance) or 0.0
             slave.enter_initialization(float(self.clock[0]), float(system.stop_time), tolerance)
+        for slave, instance in zip(self.slaves, system.instances, strict=True):
+            slave.keep(instance.start)
         self.propagate()
         for slave in self.slaves:
             slave.exit_initialization()

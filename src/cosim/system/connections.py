@@ -17,7 +17,7 @@ ACCEPTED_TYPES = {
     "Real": ("Real", "Integer", "Enumeration", "Boolean"),
     "Integer": ("Integer", "Enumeration", "Boolean"),
     "Boolean": ("Boolean",),
-    "Enumeration": ("Enumeration",),
+    "Enumeration": ("Enumeration", "Integer"),
 }
 """For each input type, the output types it accepts (lossless conversions only)."""
 
@@ -220,6 +220,8 @@ def _checked(
     if source.type not in ACCEPTED_TYPES.get(target.type, ()):
         findings.problem(where, f"an output of type {source.type} cannot feed an input of type {target.type}.")
         return None
+    if (source.type, target.type) == ("Integer", "Enumeration"):
+        findings.note(where, f"its numbers choose items of {target.name}: {_items(target)}.")
     if (connection.factor != 1.0 or connection.offset != 0.0) and target.type != "Real":
         findings.problem(where, f"factor and offset need an input of type Real, not {target.type}.")
     if (connection.added or connection.noise is not None) and target.type != "Real":
@@ -233,6 +235,12 @@ def _checked(
             f'signals.{connection.source[0]}.columns: unit = "{target.unit}".',
         )
     return checked if len(findings.problems) == before else None
+
+
+def _items(variable: Variable) -> str:
+    """The first items of an enumeration with their numbers."""
+    shown = [f"{number} {name}" for name, number in variable.items.items()]
+    return ", ".join(shown[:6]) + (" ..." if len(shown) > 6 else "")
 
 
 def _with_units(

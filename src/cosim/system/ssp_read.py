@@ -1,148 +1,107 @@
-"""Reads SSP packages and SSD files as the document of a system file."""
+"""Reads SSP packages and SSD files as the document of a system file.
+
+Systems in systems are flattened: each component is an instance, connections are followed through the connectors of
+systems, and a connector that nothing feeds is a constant, the value that is bound to it.
+"""
 
 from __future__ import annotations
 
-import atexit
 import contextlib
-import hashlib
-import io
 import json
-import zipfile
-from collections.abc import Iterable, Mapping
-from decimal import Decimal, InvalidOperation
-from pathlib import Path, PurePosixPath
+import math
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
 from typing import Any
-from urllib.parse import quote, unquote, urlsplit
+from urllib.parse import parse_qs, quote, urlsplit
 
-import fmpy.ssp
-
-from ..errors import DescriptionError, suggest
-from ..files import temporary_folder
-from ..fmu.archive import unpack
+from ..errors import DescriptionError
 from ..fmu.description import read_fmu
-from ..fmu.xml import parse
-from ..units import Unit
-from .connections import converted
-from .parts import Connection
-from .ssp_names import ANNOTATION, lxml_etree, tag
-from .ssp_units import ConnectorUnits, converted_value, defined_units
+from .ssp_flow import Flow, Hop, said
+from .ssp_names import own_annotation, tag
+from .ssp_package import DESCRIPTION, Package, open_package, read_document
+from .ssp_tree import End, Part, instance_names, read_tree
+from .ssp_units import ConnectorUnits, defined_units
+from .ssp_values import ParameterValues, linear, other_transformation, typed_value
 
-_schemas = Path(fmpy.ssp.__file__).parent / "schema"
-
-
-_unpacked: dict[str, Path] = {}
+FMU = "application/x-fmu-sharedlibrary"
 
 
-_folders = contextlib.ExitStack()
-"""Folders of unpacked packages, which last as long as the process."""
-atexit.register(_folders.close)
+SHOWN_NAMES = 20
+"""Names of instances that a note lists."""
 
 
-# ---- reading ----
+@dataclass(frozen=True)
+class SspSystem:
+    """What an SSP describes."""
+
+    document: dict[str, Any]
+    """As a system file holds it."""
+    folder: Path
+    """Where the paths of the document start."""
+    notes: list[str]
+    """What is legal but worth knowing."""
 
 
-def read_ssp(path: str | Path) -> tuple[dict[str, Any], Path]:
-    """The document of an .ssp or .ssd, as a system file holds it, and the folder its paths start from.
+def read_ssp(path: str | Path) -> SspSystem:
+    """The system of an .ssp or .ssd.
 
     An .ssp is unpacked into a temporary folder that lasts as long as the process.
     Raises DescriptionError with every problem found.
     """
-    path = Path(path)
+    package = open_package(Path(path))
     try:
-        if path.suffix.lower() == ".ssd":
-            content, folder = path.read_bytes(), path.parent
-        else:
-            content, folder = _unpack(path)
-    except FileNotFoundError:
-        raise DescriptionError(f"{path}: no such file.") from None
-    except OSError as error:
-        raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
-    return SspReader(path.name, folder, content).document(), folder
-
-
-def _unpack(path: Path) -> tuple[bytes, Path]:
-    packed = path.read_bytes()
-    digest = hashlib.sha256(packed).hexdigest()
-    if digest not in _unpacked:
-        with contextlib.ExitStack() as resources:
-            folder = resources.enter_context(temporary_folder())
-            try:
-                with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-                    archive.filename = path.name
-                    unpack(archive, folder)
-            except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
-                raise DescriptionError(f"{path.name}: not a readable zip archive ({error}).") from None
-            _unpacked[digest] = folder
-            _folders.push(resources.pop_all())
-    folder = _unpacked[digest]
-    description = folder / "SystemStructure.ssd"
-    if not description.is_file():
-        raise DescriptionError(f"{path.name}: no SystemStructure.ssd inside. This is not an SSP file.")
-    return description.read_bytes(), folder
-
-
-def validate(content: bytes, schema: str = "SystemStructureDescription") -> list[str]:
-    """What is wrong with an SSP 1.0 document by its XML schema; line numbers included."""
-    try:
-        document = parse(content)
-    except lxml_etree.XMLSyntaxError as error:
-        return [f"not valid XML: {error}"]
-    validator = lxml_etree.XMLSchema(lxml_etree.parse(str(_schemas / f"{schema}.xsd")))
-    if validator.validate(document):
-        return []
-    return [f"line {entry.line}: {entry.message}" for entry in validator.error_log]
+        root = read_document(package.description)
+    except DescriptionError as error:
+        raise DescriptionError([f"{package.name}: {DESCRIPTION}, {problem}" for problem in error.problems]) from None
+    reader = SspReader(package, root)
+    return SspSystem(reader.document(), package.folder, reader.notes)
 
 
 class SspReader:
-    """Turns an SSD into the document of a system, collecting problems."""
+    """Turns an SSD into the document of a system, collecting problems and notes."""
 
-    def __init__(self, name: str, folder: Path, content: bytes) -> None:
-        self.name = name
-        self.folder = folder
+    def __init__(self, package: Package, root: Any) -> None:
+        self.package = package
+        self.root = root
         self.problems: list[str] = []
-        problems = validate(content)
-        if problems:
-            raise DescriptionError([f"{name}: SystemStructure.ssd, {problem}" for problem in problems])
-        self.root = parse(content)
-        self.kinds: dict[tuple[str, str], str] = {}
-        """Kind of each connector."""
-        self.units = ConnectorUnits(defined_units(self.root, "ssd:Units"))
+        self.notes: list[str] = []
+        self.top = read_tree(root.find(tag("ssd:System")), self.problem)
+        self.names = instance_names(self.top.components())
+        self.sources = {part.path: self.source(part) for part in self.top.components()}
+        self.units = ConnectorUnits(self.top, defined_units(root, "ssd:Units"))
+        self.values = ParameterValues(package, self.units, self.problem, self.notes.append)
+        self.flow = Flow(self.top, self.units, self.problem)
 
     def problem(self, text: str) -> None:
-        self.problems.append(f"{self.name}: {text}")
+        self.problems.append(f"{self.package.name}: {text}")
 
     def document(self) -> dict[str, Any]:
-        top = self.root.find(tag("ssd:System"))
-        instances: dict[str, Any] = {}
-        elements = top.find(tag("ssd:Elements"))
-        for element in elements if elements is not None else ():
-            if element.tag == tag("ssd:Component"):
-                instances[element.get("name")] = self.instance(element)
-            else:
-                kind = str(element.tag).rpartition("}")[2]
-                self.problem(
-                    f"element '{element.get('name')}' is a {kind}. Only components (FMUs) are read: flatten it."
-                )
-        for connector in top.findall(f"{tag('ssd:Connectors')}/{tag('ssd:Connector')}"):
-            if connector.get("kind") == "input":
-                self.problem(f"the system has an input '{connector.get('name')}'. Connect a source inside it.")
-        starts = {f"{name}.": (name, table["start"]) for name, table in instances.items()}
-        self.bindings(top, starts, top.get("name") or "")
+        """The document. Raises DescriptionError with every problem found."""
+        self.tell_elements()
+        self.values.read(self.top)
+        connections = self.connections()
+        self.constants()
+        for (path, name), given in self.values.given.items():
+            if path in self.names:
+                self.units.parts[path].start[name] = given.value
         document: dict[str, Any] = {
-            "instances": instances,
-            "connections": [found for element in self.connections(top) if (found := self.connection(element))],
+            "instances": {self.names[part.path]: self.instance(part) for part in self.top.components()},
+            "connections": connections,
             "experiment": self.experiment(),
         }
-        description = self.root.get("description") or top.get("description")
+        description = self.root.get("description") or self.top.xml.get("description")
         if description:
             document["description"] = description
-        own = self.own(self.root.find(tag("ssd:DefaultExperiment")), "cosim:Experiment")
+        own = own_annotation(self.root.find(tag("ssd:DefaultExperiment")), "cosim:Experiment")
         record = None if own is None else own.find(tag("cosim:Record"))
         if record is not None:
             names = [element.get("name") for element in record.findall(tag("cosim:Variable"))]
             document["record"] = {"variables": names, "decimation": int(record.get("decimation", "1"))}
         if own is not None:
             self.more(own.find(tag("cosim:Document")), document)
+        if not self.names:
+            self.problem("no component in it: there is nothing to run.")
         if self.problems:
             raise DescriptionError(self.problems)
         return document
@@ -158,206 +117,179 @@ class SspReader:
             self.problem("the annotation of signals cannot be read. Export the system again.")
             return
         for name, table in signals.items():
-            table["file"] = self.source(f"signals.{name}", quote(str(table.get("file", ""))))
+            try:
+                table["file"] = self.package.file(quote(str(table.get("file", ""))))
+            except DescriptionError as error:
+                self.problem(f"signals.{name}: {error}")
         if signals:
             document["signals"] = signals
         targets = {c.split("->")[1].strip() if isinstance(c, str) else c.get("to") for c in connections}
         document["connections"] = [c for c in document["connections"] if c["to"] not in targets] + connections
 
-    def instance(self, element: Any) -> dict[str, Any]:
-        name = element.get("name")
-        if element.get("type", "application/x-fmu-sharedlibrary") != "application/x-fmu-sharedlibrary":
-            self.problem(f"component '{name}' is of type {element.get('type')}. Only FMUs are read.")
-        if element.get("implementation", "any") == "ModelExchange":
-            self.problem(f"component '{name}' is to run as ModelExchange. Only co-simulation is offered.")
-        for connector in element.findall(f"{tag('ssd:Connectors')}/{tag('ssd:Connector')}"):
-            end = name, connector.get("name")
-            unit = next((child.get("unit") for child in connector if child.tag == tag("ssc:Real")), None)
-            self.kinds[end] = connector.get("kind")
-            if unit:
-                self.units.stated[end] = unit
-        source = self.source(name, element.get("source"))
+    # Elements
+
+    def tell_elements(self) -> None:
+        """Note the names of instances that differ from those of the components, and what is not read."""
+        renamed = [f"'{part.name}' is {self.names[part.path]}" for part in self.top.components()]
+        renamed = [text for text, path in zip(renamed, self.names, strict=True) if path != (self.names[path],)]
+        if renamed:
+            more = f" and {len(renamed) - SHOWN_NAMES} more" if len(renamed) > SHOWN_NAMES else ""
+            self.notes.append(f"instances have plain names here: {', '.join(renamed[:SHOWN_NAMES])}{more}.")
+        for part in self.top.all():
+            if part.kind not in ("System", "Component"):
+                self.notes.append(f"'{part.name}' is a {part.kind}, which is not read.")
+
+    def source(self, part: Part) -> str:
+        """The path of a component's FMU relative to the SSD; the FMU is read if it can be."""
+        xml = part.xml
+        if xml.get("type", FMU) != FMU:
+            self.problem(f"component '{part.name}' is of type {xml.get('type')}. Only FMUs are read.")
+            return ""
+        uri = str(xml.get("source"))
+        proxied = parse_qs(urlsplit(uri).query).get("file") if uri.startswith("proxyfmu:") else None
+        if proxied is not None:
+            self.notes.append(f"component '{part.name}' is meant for libcosim's proxyfmu; its FMU runs directly here.")
+        try:
+            source = self.package.file(proxied[0] if proxied else uri)
+        except DescriptionError as error:
+            self.problem(f"component '{part.name}': {error}")
+            return ""
         with contextlib.suppress(DescriptionError):  # whoever checks the system says what is wrong with an FMU
-            self.units.fmus[name] = read_fmu(self.folder / source)
-        start: dict[str, Any] = {}
-        self.bindings(element, {"": (name, start)}, name)
-        table: dict[str, Any] = {"fmu": source, "start": start}
-        own = self.own(element, "cosim:Instance")
+            part.fmu = read_fmu(self.package.folder / source)
+        if xml.get("implementation", "any") == "ModelExchange":
+            self.notes.append(f"component '{part.name}' is meant for model exchange; it runs as co-simulation here.")
+        return source
+
+    def instance(self, part: Part) -> dict[str, Any]:
+        table: dict[str, Any] = {"fmu": self.sources[part.path], "start": part.start}
+        own = own_annotation(part.xml, "cosim:Instance")
         if own is not None and own.get("stepMultiple"):
             table["step_multiple"] = int(own.get("stepMultiple"))
         return table
 
-    def source(self, name: str, uri: str) -> str:
-        """The path of a component's FMU relative to the SSD, which may not leave its folder in an .ssp."""
-        parts = urlsplit(uri)
-        path = PurePosixPath(unquote(parts.path))
-        if parts.scheme or parts.netloc or parts.fragment or path.is_absolute() or ".." in path.parts:
-            self.problem(f"component '{name}': source '{uri}' is not a path inside the package.")
-        return f"./{path}"
-
-    def own(self, parent: Any, element: str) -> Any:
-        """Our annotation in an element, or None."""
-        if parent is None:
-            return None
-        place = f"{tag('ssd:Annotations')}/{tag('ssc:Annotation')}"
-        for annotation in parent.findall(place):
-            if annotation.get("type") == ANNOTATION:
-                return annotation.find(tag(element))
-        return None
-
-    # Parameters
-
-    def bindings(self, element: Any, targets: Mapping[str, tuple[str, dict[str, Any]]], where: str) -> None:
-        """Enter the values of the parameter bindings of an element.
-
-        ``targets`` gives the component and its start values for each beginning of a name, which is taken off.
-        """
-        for binding in element.findall(f"{tag('ssd:ParameterBindings')}/{tag('ssd:ParameterBinding')}"):
-            if binding.find(tag("ssd:ParameterMapping")) is not None:
-                self.problem(f"'{where}': a parameter mapping is not read. Name the parameters as the FMUs do.")
-                continue
-            prefix = binding.get("prefix", "")
-            parameters, own = self.parameters(binding, where)
-            for parameter, typed in parameters:
-                name = f"{prefix}{parameter}"
-                target = next((t for t in targets if name.startswith(t)), None)
-                if target is None:
-                    known = [t.rstrip(".") for t in targets]
-                    self.problem(f"'{where}': no component for parameter '{name}'.{suggest(parameter, known)}")
-                    continue
-                component, start = targets[target]
-                variable = name[len(target) :]
-                value = self.value(str(typed.tag).rpartition("}")[2], typed.get("value"))
-                start[variable] = self.in_unit_of(component, variable, value, typed.get("unit"), own)
-
-    def in_unit_of(self, component: str, name: str, value: object, unit: str | None, own: Mapping[str, Unit]) -> object:
-        """A parameter's value in the unit of its variable."""
-        wanted = self.units.own((component, name))
-        if unit is None or wanted is None or not isinstance(value, Decimal):
-            return value
-        try:
-            fmu = self.units.fmus[component]
-            return converted_value(value, unit, wanted, fmu=fmu, own=own, defined=self.units.defined)
-        except DescriptionError as error:
-            self.problem(f"parameter '{component}.{name}': {error}")
-            return value
-
-    def parameters(self, binding: Any, where: str) -> tuple[list[tuple[str, Any]], dict[str, Unit]]:
-        """Names and typed elements of the parameters of a binding, and the units that their set defines."""
-        source = binding.get("source")
-        if source:
-            relative = self.source(where, source)
-            try:
-                content = (self.folder / relative).read_bytes()
-            except OSError as error:
-                self.problem(f"'{where}': parameter values '{source}' cannot be read ({error.strerror}).")
-                return [], {}
-        else:
-            inline = binding.find(f"{tag('ssd:ParameterValues')}/{tag('ssv:ParameterSet')}")
-            if inline is None:
-                return [], {}
-            content = lxml_etree.tostring(inline)
-        problems = validate(content, "SystemStructureParameterValues")
-        if problems:
-            self.problems += [f"{self.name}: parameter values of '{where}', {problem}" for problem in problems]
-            return [], {}
-        root = parse(content)
-        found = root.findall(f"{tag('ssv:Parameters')}/{tag('ssv:Parameter')}")
-        typed = [(parameter.get("name"), next(iter(parameter), None)) for parameter in found]
-        return [(name, element) for name, element in typed if element is not None], defined_units(root, "ssv:Units")
-
-    @staticmethod
-    def value(kind: str, text: str) -> object:
-        if kind == "Boolean":
-            return text.strip() in ("true", "1")
-        if kind == "Integer":
-            return int(text)
-        if kind == "Real":
-            try:
-                return Decimal(text.strip())
-            except InvalidOperation:  # INF and NaN of XML Schema; the system says what is wrong with them
-                return float(text.strip())
-        return text
-
     # Connections
 
-    def connections(self, top: Any) -> Iterable[Any]:
-        return top.findall(f"{tag('ssd:Connections')}/{tag('ssd:Connection')}")
+    def connections(self) -> list[dict[str, Any]]:
+        """The connections between components."""
+        found: list[dict[str, Any]] = []
+        for end in self.flow.into:
+            if end[0] not in self.names or not (hops := self.flow.trace(end)):
+                continue
+            if hops[0].source[0] in self.names and (connection := self.connection(hops)) is not None:
+                found.append(connection)
+        return found
 
-    def connection(self, element: Any) -> dict[str, Any] | None:
-        ends = [(element.get(f"{side}Element"), element.get(f"{side}Connector")) for side in ("start", "end")]
-        said = " -> ".join(".".join(part or "" for part in end) for end in ends)
-        if any(part is None for end in ends for part in end):
-            own = "output" if ends[1][0] is None else "input"
-            if own == "output":
-                return None  # an output of the whole system: every output is recorded anyway
-            self.problem(f"connection {said}: ends at a connector of the system. Connect components with each other.")
+    def connection(self, hops: list[Hop]) -> dict[str, Any] | None:
+        source, target = hops[0].source, hops[-1].target
+        if self.units.parts[source[0]].connector_kind(source[1]) == "calculatedParameter":
+            self.problem(f"connection {hops[0]}: parameters that an FMU calculates are not passed on. Set the value.")
             return None
-        if self.kinds.get(ends[0]) == "input":
-            ends.reverse()  # SSP lets a connection be written from either side
-            if element.find(tag("ssc:LinearTransformation")) is not None:
-                self.problem(f"connection {said}: starts at an input and transforms. Write it from the output.")
+        for hop in hops:
+            other = other_transformation(hop.xml)
+            if other is not None:
+                name = str(other.tag).rpartition("}")[2]
+                self.problem(f"connection {hop}: a {name} is not read for signals, only LinearTransformation.")
                 return None
-        for child in element:
-            kind = str(child.tag).rpartition("}")[2]
-            if kind.endswith("Transformation") and kind != "LinearTransformation":
-                self.problem(f"connection {said}: a {kind} is not read, only LinearTransformation.")
-        source, target = (f"{name}.{variable}" for name, variable in ends)
+        ends = {"from": self.named(source), "to": self.named(target)}
         try:
-            return {"from": source, "to": target, **self.transformation(element, ends[0], ends[1])}
+            return {**ends, **self.transformation(hops)}
         except DescriptionError as error:
-            self.problem(f"connection {said}: {error}")
+            self.problem(f"connection {' -> '.join(said(end) for end in (source, target))}: {error}")
             return None
 
-    def transformation(self, element: Any, source: tuple[str, str], target: tuple[str, str]) -> dict[str, Any]:
-        """Factor, offset and treatment of units of a connection, as a system file has them.
+    def named(self, end: End) -> str:
+        """A variable by the name of its instance."""
+        return f"{self.names[end[0]]}.{end[1]}"
+
+    def transformation(self, hops: list[Hop]) -> dict[str, Any]:
+        """Factor, offset and treatment of units of connections in a row, as a system file has them.
 
         Raises DescriptionError for units that cannot be converted.
         """
-        linear = element.find(tag("ssc:LinearTransformation"))
-        stated: dict[str, Any] = {}
-        if linear is not None:
-            stated = {key: Decimal(linear.get(key)) for key in ("factor", "offset") if linear.get(key) is not None}
-        if element.get("suppressUnitConversion") in ("true", "1"):
-            own = self.own(element, "cosim:Conversion")
-            if own is not None:
-                meant = {key: Decimal(own.get(key)) for key in ("factor", "offset")}
-                written = float(stated.get("factor", 1)), float(stated.get("offset", 0))
-                if self.total(meant, source, target) == written:
-                    return {**meant, "units": "convert"}
-            return stated if "factor" in stated else {**stated, "units": "suppress"}
-        if self.units.differs(source) or self.units.differs(target):
-            factor, offset = self.total(stated, source, target)
-            return {"factor": factor, "offset": offset}
-        return {**stated, "units": "convert"}
+        differs = self.units.differs(hops[0].source) or self.units.differs(hops[-1].target)
+        if len(hops) == 1:
+            stated = self.stated(hops[0].xml)
+            if hops[0].suppressed:
+                return self.suppressed(hops[0], stated)
+            if not differs:
+                return {**stated, "units": "convert"}
+        factor, offset = self.flow.through(hops)
+        if not differs and not any(hop.suppressed or linear(hop.xml) for hop in hops):
+            direct = self.flow.through([Hop(hops[0].source, hops[-1].target, hops[0].xml)])
+            if all(math.isclose(a, b, rel_tol=1e-14) for a, b in zip(direct, (factor, offset), strict=True)):
+                return {"units": "convert"}
+        return {"factor": factor, "offset": offset}
 
-    def total(
-        self, stated: Mapping[str, Decimal], source: tuple[str, str], target: tuple[str, str]
-    ) -> tuple[float, float]:
-        """Factor and offset of the conversion of units and what is stated behind it (SSP 1.0, LinearTransformation)."""
-        written = (float(stated.get("factor", 1)), float(stated.get("offset", 0)))
-        whole = converted(Connection(source, target, stated=written), *self.units.conversion(source, target))
-        return whole.factor, whole.offset
+    @staticmethod
+    def stated(element: Any) -> dict[str, Decimal]:
+        """Factor and offset that a connection states."""
+        found = element.find(tag("ssc:LinearTransformation"))
+        if found is None:
+            return {}
+        return {key: Decimal(found.get(key)) for key in ("factor", "offset") if found.get(key) is not None}
+
+    def suppressed(self, hop: Hop, stated: dict[str, Decimal]) -> dict[str, Any]:
+        """What a connection that suppresses the conversion of units is; ours say what it came from."""
+        own = own_annotation(hop.xml, "cosim:Conversion")
+        if own is not None:
+            meant = {key: Decimal(own.get(key)) for key in ("factor", "offset")}
+            written = float(stated.get("factor", 1)), float(stated.get("offset", 0))
+            if self.flow.through([hop], (float(meant["factor"]), float(meant["offset"]))) == written:
+                return {**meant, "units": "convert"}
+        return dict(stated) if "factor" in stated else {**stated, "units": "suppress"}
+
+    def constants(self) -> None:
+        """Pass the values of connectors of systems on to the inputs and parameters behind them."""
+        used: set[End] = set()
+        for end in self.flow.into:
+            hops = self.flow.trace(end) if end[0] in self.names else []
+            if not hops or hops[0].source[0] in self.names:
+                continue
+            first = next((i for i, hop in enumerate(hops) if hop.source in self.values.given), None)
+            if first is None:
+                self.notes.append(
+                    f"nothing feeds '{said(hops[0].source)}', so '{self.named(end)}' keeps its own start."
+                )
+                continue
+            source = hops[first].source
+            used.add(source)
+            try:
+                value = self.flow.constant(self.values.given[source], hops[first:])
+            except DescriptionError as error:
+                self.problem(f"'{said(source)}' -> '{self.named(end)}': {error}")
+                continue
+            self.units.parts[end[0]].start.pop(end[1], None)
+            self.values.given.pop(end, None)
+            self.units.parts[end[0]].start[end[1]] = value
+        for end in self.values.given:
+            if end[0] not in self.names and end not in used:
+                self.notes.append(
+                    f"the value of '{said(end)}' is not used: nothing takes it, or another value comes in."
+                )
 
     # Experiment
 
     def experiment(self) -> dict[str, Any]:
         element = self.root.find(tag("ssd:DefaultExperiment"))
-        if element is None:
-            return {}
         table: dict[str, Any] = {}
         for attribute, key in (("startTime", "start_time"), ("stopTime", "stop_time")):
-            if element.get(attribute) is not None:
-                table[key] = self.value("Real", element.get(attribute))
-        own = self.own(element, "cosim:Experiment")
+            if element is not None and element.get(attribute) is not None:
+                table[key] = typed_value("Real", element.get(attribute))
+        own = own_annotation(element, "cosim:Experiment")
         if own is not None:
             for attribute, key in (("stepSize", "step_size"), ("tolerance", "tolerance")):
                 if own.get(attribute) is not None:
-                    table[key] = self.value("Real", own.get(attribute))
+                    table[key] = typed_value("Real", own.get(attribute))
             order = own.get("order", "sequential")
             table["order"] = order if order in ("sequential", "parallel") else order.split()
-        else:
-            other = element.find(f".//{tag('osp:FixedStepAlgorithm')}")
-            if other is not None and other.get("baseStepSize"):
-                table["step_size"] = self.value("Real", other.get("baseStepSize"))
+            return table
+        for name, attribute in (("oms:FixedStepMaster", "stepSize"), ("osp:FixedStepAlgorithm", "baseStepSize")):
+            other = self.root.find(f".//{tag(name)}")
+            if other is not None and other.get(attribute):
+                table["step_size"] = typed_value("Real", other.get(attribute))
+                if name.startswith("osp"):
+                    table["order"] = "parallel"  # that algorithm is libcosim's, which exchanges outputs after a step
+                    self.notes.append(
+                        'the file asks for libcosim\'s fixed-step algorithm, which is order = "parallel".'
+                    )
         return table

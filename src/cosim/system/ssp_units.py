@@ -8,15 +8,15 @@ that its own ``Units`` give them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from decimal import Decimal
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 from ..errors import DescriptionError
-from ..fmu.description import Fmu
 from ..units import BASE_UNITS, Unit, resolve_unit
 from .connections import unit_conversion
 from .ssp_names import tag
+from .ssp_tree import End, Part, Path
 
 
 def defined_units(parent: Any, element: str) -> dict[str, Unit]:
@@ -30,87 +30,75 @@ def defined_units(parent: Any, element: str) -> dict[str, Unit]:
     return found
 
 
-def converted_value(
-    value: Decimal, unit: str, variable_unit: str, *, fmu: Fmu, own: Mapping[str, Unit], defined: Mapping[str, Unit]
-) -> Decimal:
-    """A parameter's value in the unit of its variable.
+@dataclass(frozen=True)
+class NamedUnit:
+    """A unit by its name and what that means, None if nothing says it."""
 
-    ``own`` are the units of the parameter set, ``defined`` those of the SSD. Raises DescriptionError for units that
-    cannot be converted.
+    name: str
+    meaning: Unit | None
+
+
+def conversion(unit: NamedUnit | None, other: NamedUnit | None, remedy: str) -> tuple[float, float]:
+    """Factor and offset from one unit to another; (1, 0) where one is not given.
+
+    Raises DescriptionError for units that cannot be converted; ``remedy`` is for those that nothing defines.
     """
-    meant = resolve_unit(unit, own, fmu.base_units, defined)
-    wanted = resolve_unit(variable_unit, fmu.base_units, defined)
-    if meant is None or wanted is None:
-        if unit == variable_unit:
-            return value
-        unknown = unit if meant is None else variable_unit
-        raise DescriptionError(f"nothing says what unit '{unknown}' is. Define it in Units.")
-    factors = unit_conversion(meant, wanted)
-    if factors is None:
-        raise DescriptionError(_kinds(unit, meant, variable_unit, wanted))
-    factor, offset = factors
-    return value if factors == (1.0, 0.0) else value * Decimal(repr(factor)) + Decimal(repr(offset))
-
-
-def _kinds(unit: str, meant: Unit, other: str, other_meant: Unit) -> str:
-    """That two units differ in kind; what they mean is told where the names do not tell it."""
-    first, second = (f" ({meant})", f" ({other_meant})") if unit == other else ("", "")
-    return f"unit '{unit}'{first} cannot be converted to '{other}'{second}."
+    if unit is None or other is None:
+        return 1.0, 0.0
+    one, two = unit.meaning, other.meaning
+    if one is None or two is None:
+        if unit.name == other.name:
+            return 1.0, 0.0
+        unknown = unit.name if one is None else other.name
+        raise DescriptionError(f"nothing says what unit '{unknown}' is. {remedy}")
+    factors = unit_conversion(one, two)
+    if factors is not None:
+        return factors
+    if unit.name == other.name and one.exponents[:-1] == two.exponents[:-1]:
+        # Files differ in whether an angle has a unit: rad/s is rad.s-1 in one and s-1 in the other.
+        return one.factor / two.factor, (one.offset - two.offset) / two.factor
+    first, second = (f" ({one})", f" ({two})") if unit.name == other.name else ("", "")
+    raise DescriptionError(f"unit '{unit.name}'{first} cannot be converted to '{other.name}'{second}.")
 
 
 class ConnectorUnits:
     """The units of the connectors of a system: as the SSD states them, else those of the FMUs' variables."""
 
-    def __init__(self, defined: Mapping[str, Unit]) -> None:
+    def __init__(self, top: Part, defined: Mapping[str, Unit]) -> None:
         self.defined = defined
-        self.stated: dict[tuple[str, str], str] = {}
-        """Units that the SSD states for connectors (component, connector)."""
-        self.fmus: dict[str, Fmu] = {}
-        """The FMU of each component that could be read."""
+        """The units that the SSD defines."""
+        self.parts: dict[Path, Part] = {part.path: part for part in top.all()}
 
-    def own(self, end: tuple[str, str]) -> str | None:
-        """The unit of the variable behind a connector."""
-        fmu = self.fmus.get(end[0])
-        variable = None if fmu is None else fmu.variables.get(end[1])
-        return None if variable is None else variable.unit
+    def meant(self, path: Path, name: str, *own: Mapping[str, Unit]) -> NamedUnit:
+        """What ``name`` means at an element; the definitions ``own`` come first."""
+        fmu = self.parts[path].fmu
+        stated: Mapping[str, Unit] = {} if fmu is None else fmu.base_units
+        return NamedUnit(name, resolve_unit(name, *own, stated, self.defined))
 
-    def name(self, end: tuple[str, str]) -> str | None:
+    def own(self, end: End) -> NamedUnit | None:
+        """The unit of the variable behind a connector; that of the connector itself for one of a system."""
+        fmu = self.parts[end[0]].fmu
+        if fmu is None:
+            return self.stated(end)
+        variable = fmu.variables.get(end[1])
+        return None if variable is None or variable.unit is None else self.meant(end[0], variable.unit)
+
+    def stated(self, end: End) -> NamedUnit | None:
+        """The unit that the SSD states for a connector."""
+        connector = self.parts[end[0]].connectors.get(end[1])
+        real = None if connector is None else connector.find(tag("ssc:Real"))
+        name = None if real is None else real.get("unit")
+        return self.meant(end[0], name) if name else None
+
+    def unit(self, end: End) -> NamedUnit | None:
         """The unit of a connector."""
-        return self.stated.get(end, self.own(end))
+        return self.stated(end) or self.own(end)
 
-    def unit(self, end: tuple[str, str]) -> Unit | None:
-        """What the unit of a connector means, None if nothing says it."""
-        name = self.name(end)
-        fmu = self.fmus.get(end[0])
-        return None if name is None else resolve_unit(name, {} if fmu is None else fmu.base_units, self.defined)
-
-    def differs(self, end: tuple[str, str]) -> bool:
+    def differs(self, end: End) -> bool:
         """Whether a connector has another unit than the FMU file alone says of its variable."""
-        fmu, own, meant = self.fmus.get(end[0]), self.own(end), self.unit(end)
-        known = None if fmu is None or own is None else fmu.unit(own)
+        fmu, own, unit = self.parts[end[0]].fmu, self.own(end), self.unit(end)
+        meant = None if unit is None else unit.meaning
+        known = None if fmu is None or own is None else fmu.unit(own.name)
         if known is None or meant is None:
             return meant is not None
         return not known.matches(meant)
-
-    def conversion(self, source: tuple[str, str], target: tuple[str, str]) -> tuple[float, float]:
-        """Factor and offset from the unit of one connector to that of another; (1, 0) if one has none.
-
-        Raises DescriptionError for units that cannot be converted.
-        """
-        unit, other = self.name(source), self.name(target)
-        if unit is None or other is None:
-            return 1.0, 0.0
-        one, two = self.unit(source), self.unit(target)
-        if one is None or two is None:
-            if unit == other:
-                return 1.0, 0.0
-            unknown = unit if one is None else other
-            raise DescriptionError(
-                f"nothing says what unit '{unknown}' is. Define it in ssd:Units, or set suppressUnitConversion."
-            )
-        factors = unit_conversion(one, two)
-        if factors is None and unit == other and one.exponents[:-1] == two.exponents[:-1]:
-            return one.factor / two.factor, (one.offset - two.offset) / two.factor
-        if factors is None:
-            raise DescriptionError(_kinds(unit, one, other, two))
-        return factors

@@ -20,8 +20,9 @@ from ..fmu.variables import Value, Variable
 from ..fmu.xml import document
 from ..units import BASE_UNITS
 from .parts import Connection
+from .ssp_integers import with_integers
 from .ssp_names import ANNOTATION, NAMESPACES, tag
-from .written import connection_entries, record_names, signal_tables, unique_names
+from .written import connection_entries, record_files, record_names, signal_tables, unique_names
 
 if TYPE_CHECKING:
     from .system import System
@@ -38,13 +39,19 @@ GENERATION_DATE = "2026-01-01T00:00:00Z"
 # ---- writing ----
 
 
-def write_ssp(system: System, target: str | Path) -> Path:
-    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises FileError."""
+def write_ssp(system: System, target: str | Path, *, integers: bool = False) -> Path:
+    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises FileError.
+
+    ``integers`` declares the variables of type Enumeration as whole numbers in the FMUs, for importers that know none.
+    """
     target = Path(target)
     files = unique_names(path for paths in (resource_names(system), record_names(system)) for path in paths)
     description = structure(system, {path: f"resources/{name}" for path, name in files.items()})
     start = "SystemStructure.ssd"
-    members = {start: description, **{f"resources/{name}": path for path, name in files.items()}}
+    members: dict[str, bytes | Path] = {start: description}
+    fmus = {instance.fmu.path for instance in system.instances}
+    for name, path in record_files(files).items():
+        members[f"resources/{name}"] = with_integers(path.read_bytes()) if integers and path in fmus else path
     write_zip(target, members, start, deflated=(start,))
     return target
 
@@ -54,8 +61,11 @@ def resource_names(system: System) -> dict[Path, str]:
     return unique_names(instance.fmu.path for instance in system.instances)
 
 
-def lost_elsewhere(system: System) -> list[str]:
-    """What other tools do not do when they run the .ssp of this system, a sentence each."""
+def lost_elsewhere(system: System, *, integers: bool = False) -> list[str]:
+    """What other tools do not do when they run the .ssp of this system, a sentence each.
+
+    ``integers`` tells that its FMUs declare enumerations as whole numbers.
+    """
     lost: list[str] = []
     own = own_connections(system)
     open_inputs = dict.fromkeys(".".join(c.target) for c in own if _is_own(system, c))
@@ -67,6 +77,17 @@ def lost_elsewhere(system: System) -> list[str]:
     noisy = [".".join(c.target) for c in own if c.noise is not None and not _is_own(system, c)]
     if noisy:
         lost.append(f"noise is beyond SSP 1.0: other tools leave out that on {', '.join(noisy)}.")
+    chosen = [
+        f"{instance.name}.{name}"
+        for instance in system.instances
+        for name, value in instance.start.items()
+        if instance.fmu.variables[name].type == "Enumeration" and value != instance.fmu.variables[name].start
+    ]
+    if chosen and not integers:
+        lost.append(
+            f"libcosim and ecos know no enumerations and read past {', '.join(chosen)}. For them, add --enumerations "
+            "integer."
+        )
     return lost
 
 
@@ -189,7 +210,7 @@ def _transformation(element: ElementTree.Element, connection: Connection) -> Non
 
 
 def parameter_set(fmu: Fmu, start: Mapping[str, Value]) -> ElementTree.Element:
-    """An SSV ParameterSet. Enumerations are written as Integer, the form that all importers read."""
+    """An SSV ParameterSet. Enumerations are written as Integer: some importers end at the name of an item."""
     root = ElementTree.Element(tag("ssv:ParameterSet"), {"version": "1.0", "name": PARAMETER_SET})
     parameters = _sub(root, "ssv:Parameters")
     units: dict[str, Fmu] = {}

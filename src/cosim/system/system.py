@@ -13,7 +13,7 @@ A system file is TOML::
 
     [experiment]
     start_time = 0.0
-    stop_time = 10.0
+    stop_time = 10.0                           # may be left out where a record ends the run
     step_size = 1e-4                           # or a fraction: "1/30"
     order = ["source", "controller", "plant"]  # or "sequential" (default: derived), or "parallel"
     tolerance = 1e-6                           # optional, told to every FMU instead of its own
@@ -26,6 +26,36 @@ A system file is TOML::
     [record]
     variables = ["plant.position", "controller.*"]   # default: all outputs of all instances
     decimation = 1
+
+A record of a machine, or of another run, feeds inputs as an FMU does: ``"log.position -> controller.position_ref"``::
+
+    [signals.log]
+    file = "stage.csv"                         # .csv (.txt, .tsv, .dat), .parquet, .mat; relative to this file
+    time = "t"                                 # default: the column called time or t; or sampling_time = 1e-3
+    time_unit = "ms"                           # default: what the file says, s if it does not
+    start_time = 12.5                          # time of the record at the start of the run; default: the same clock
+    interpolation = "hold"                     # or "linear"
+    extend = "hold"                            # beyond its ends; or "repeat", or "stop": the run ends with the record
+
+    [signals.log.columns]                      # default: all columns by their names
+    position = "x"
+    force = { column = "current", factor = 2.1, offset = 0.0, unit = "N" }   # unit: that behind factor and offset
+    reference = { column = "r", unit = "m", derivatives = 2, smoothing = { window = 0.01, polynomial = 3 } }
+
+A record acts in samples: an input gets the value at t_k, held or interpolated, over the step that begins there.
+``derivatives`` are ``log.der(reference)`` and ``log.der(reference,2)``; ``smoothing`` must be said: ``"none"`` takes
+central differences, a table fits a polynomial to the samples in ``window`` seconds (Savitzky and Golay 1964). The
+values themselves are not smoothed. Where a record holds its first or last sample its derivatives are 0. A record that
+repeats itself goes from its last sample to its first in one usual step. Recorded names are ``log.position``.
+
+Several sources of one input make a sum, and an input may get noise::
+
+    { from = ["motor.torque", "log.force"], to = "plant.command", factors = [1.0, -1.0], offset = 0.0 }
+    { from = "plant.position", to = "controller.position", noise = { rms = 2e-9, seed = 1 } }
+
+``units`` and ``offset`` are as in other connections, factors of 1 and -1 convert nothing. Noise is normal and white,
+``rms`` in the unit of the input, with a new value each communication step: the same for the same ``seed``, however
+the run is made. Signals are changed as start values are: ``--set log.file=other.csv``.
 
 Everything that can be wrong is found here, before any FMU is started, and reported at once. Times and step sizes
 stay decimals, so that ``0.1`` divides ``1.0``.
@@ -70,6 +100,8 @@ class System:
     decimation: int
     notes: tuple[str, ...]
     """What is legal but worth knowing."""
+    notes_of_file: tuple[str, ...] = field(repr=False)
+    """Those of ``notes`` that were found while the file was read."""
     digest: str
     """SHA-256 of everything that decides the results: FMUs, start values, connections, experiment."""
     document: Mapping[str, Any] = field(repr=False)
@@ -121,7 +153,9 @@ class System:
         plain = overrides and not problems and all(value is None for value in experiment)
         if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
-        return System(**checked_fields(document, self.name, self.folder, self.fmus, problems))
+        return System(
+            **checked_fields(document, self.name, self.folder, self.fmus, problems=problems, notes=self.notes_of_file)
+        )
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
         """Start values by instance, if they are right and the rest of the system cannot depend on them."""
@@ -178,9 +212,9 @@ def read_system(
     """
     folder_of_fmus = None if fmus is None else Path(fmus)
     path = find_system(str(path), folder_of_fmus)
-    folder = path.parent
+    folder, notes = path.parent, ()
     if has_ending(path, ".ssp", ".ssd"):
-        loaded, folder = _read_ssp(path)
+        loaded, folder, notes = _read_ssp(path)
     elif has_ending(path, ".fmu"):
         loaded = fmu_document(path)
         overrides = full_names(loaded, overrides or {})
@@ -197,7 +231,7 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems))
+    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems=problems, notes=notes))
 
 
 def make_system(
@@ -207,7 +241,8 @@ def make_system(
     return System(**checked_fields(document, name, Path(folder), None if fmus is None else Path(fmus)))
 
 
-def _read_ssp(path: Path) -> tuple[dict[str, Any], Path]:
+def _read_ssp(path: Path) -> tuple[dict[str, Any], Path, tuple[str, ...]]:
     from .ssp_read import read_ssp  # reads XML schemas: only where one is needed
 
-    return read_ssp(path)
+    found = read_ssp(path)
+    return found.document, found.folder, tuple(found.notes)

@@ -14,7 +14,9 @@ from fmpy.ssp.ssd import read_ssd
 from cosim.commands.cli import main
 from cosim.errors import DescriptionError
 from cosim.master.simulation import simulate
-from cosim.system.ssp_read import read_ssp, validate
+from cosim.system.ssp_integers import with_integers
+from cosim.system.ssp_package import read_document
+from cosim.system.ssp_read import read_ssp
 from cosim.system.ssp_write import write_ssp
 from cosim.system.system import System, make_system, read_system
 from cosim.system.toml_write import write_system
@@ -151,7 +153,7 @@ def test_shipped_systems_survive(path: Path, native: Path, tmp_path: Path) -> No
     read = read_system(packed)
     assert same(system, read)
     with zipfile.ZipFile(packed) as archive:
-        assert validate(archive.read("SystemStructure.ssd")) == []
+        read_document(archive.read("SystemStructure.ssd"))
 
 
 def test_everything_survives_ssp_and_toml(rich: System, tmp_path: Path) -> None:
@@ -176,7 +178,7 @@ def test_parameter_values_are_valid_and_carry_units(rich: System, tmp_path: Path
     assert head is not None
     spaces = " ".join(re.findall(r'xmlns:\w+="[^"]*"', head[1]))
     for found in sets:
-        assert validate(found.replace("<ssv:ParameterSet", f"<ssv:ParameterSet {spaces}", 1).encode(), VALUES) == []
+        read_document(found.replace("<ssv:ParameterSet", f"<ssv:ParameterSet {spaces}", 1).encode(), VALUES)
     assert '<ssv:Real value="0.001" unit="m" />' in text
 
 
@@ -282,7 +284,7 @@ def test_connection_written_from_the_input_is_turned(native: Path, tmp_path: Pat
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"elements": '<ssd:System name="inner"/>'}, "element 'inner' is a System"),
+        ({"elements": '<ssd:Component name="source" source="c.fmu"/>'}, "has two elements called 'source'"),
         ({"elements": '<ssd:Component name="c" source="../c.fmu"/>'}, "source '../c.fmu' is not a path inside"),
         ({"elements": '<ssd:Component name="c" source="http://x/c.fmu"/>'}, "is not a path inside the package"),
         ({"elements": '<ssd:Component source="c.fmu"/>'}, "line 19: "),
@@ -294,7 +296,7 @@ def test_connection_written_from_the_input_is_turned(native: Path, tmp_path: Pat
         ),
         (
             {"bindings": '<ssd:ParameterBindings><ssd:ParameterBinding source="nowhere.ssv"/></ssd:ParameterBindings>'},
-            "parameter values 'nowhere.ssv' cannot be read",
+            "parameter values of 'top', file 'nowhere.ssv' cannot be read",
         ),
     ],
 )  # fmt: skip
@@ -322,3 +324,51 @@ def test_not_a_package(tmp_path: Path) -> None:
         read_ssp(tmp_path / "empty.ssp")
     with pytest.raises(DescriptionError, match="no such file"):
         read_ssp(tmp_path / "missing.ssp")
+
+
+# ---- for importers that know no enumerations ----
+
+
+def test_enumerations_as_integers(native: Path, tmp_path: Path) -> None:
+    """The FMUs of the package declare whole numbers; the results are the same."""
+    system = read_system("feng2015/circle", fmus=native, stop_time="0.01")
+    assert any(variable.items for instance in system.instances for variable in instance.fmu.variables.values())
+    found = read_system(write_ssp(system, tmp_path / "integers.ssp", integers=True))
+    kinds = {variable.type for instance in found.instances for variable in instance.fmu.variables.values()}
+    assert "Enumeration" not in kinds
+    assert {i.name: dict(i.start) for i in found.instances} == {i.name: dict(i.start) for i in system.instances}
+    assert (simulate(found).rows == simulate(system).rows).all()
+
+
+def test_integers_are_declared_in_fmi3_too(tmp_path: Path) -> None:
+    text = (
+        '<fmiModelDescription fmiVersion="3.0"><ModelVariables><Enumeration name="k" declaredType="K" start="2"/>'
+        '<Float64 name="x"/></ModelVariables></fmiModelDescription>'
+    )
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+        archive.writestr("binaries/x", b"binary")
+    (tmp_path / "b.fmu").write_bytes(with_integers((tmp_path / "a.fmu").read_bytes()))
+    with zipfile.ZipFile(tmp_path / "b.fmu") as archive:
+        assert b'<Int64 name="k" start="2"/>' in archive.read("modelDescription.xml")
+        assert archive.read("binaries/x") == b"binary"
+
+
+@pytest.mark.parametrize(
+    ("more", "name", "note"),
+    [([], "s.ssp", True), (["--enumerations", "integer"], "s.ssp", False), ([], "s.toml", False)],
+)
+def test_export_says_what_importers_read_past(
+    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], name: str, *, note: bool
+) -> None:
+    arguments = ["export", "feng2015/circle", "--fmus", str(native), "-o", str(tmp_path / name), *more]
+    assert main(arguments) == 0
+    said = capsys.readouterr()
+    text = " ".join((said.out + said.err).split())
+    assert ("read past" in text and "trajectory_x.kind" in text) is note, text
+
+
+def test_integers_are_for_packages(native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["export", "shams2010/fsmc_5sin", "--fmus", str(native), "-o", str(tmp_path / "s.toml")]
+    assert main([*arguments, "--enumerations", "integer"]) == 2
+    assert "--enumerations integer: only for an .ssp" in " ".join(capsys.readouterr().err.split())
