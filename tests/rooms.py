@@ -35,7 +35,7 @@ ROOMS = (
     Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml", "pydantic", "pydantic_core", "tomli_w"]),
     Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.record", [*BASE, "cosim.fmu"], ["numpy", "pyarrow", "scipy"]),
-    Room("cosim.system", [*BASE, "cosim.fmu", "cosim.record"], ["fmpy.ssp", "lxml", "numpy", "scipy"]),
+    Room("cosim.system", [*BASE, "cosim.fmu", "cosim.record"], ["fmpy.ssp", "lxml", "numpy", "pydantic", "scipy"]),
     Room("cosim.result", [*BASE, "cosim.record"], ["jinja2", "markupsafe", "matplotlib", "numpy", "pandas", "plotly"]),
     Room(
         "cosim.master",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import control
 import numpy as np
 import pytest
 
+from cosim.commands.cli import main
 from cosim.design.linearize import (
     StateSpace,
     linearize,
@@ -196,6 +198,28 @@ def test_an_fmu_alone_is_linear_where_it_starts(native: Path) -> None:
 def test_a_saturated_command_moves_nothing(native: Path) -> None:
     model = linearize(STUDY / "step.toml", instance="plant", at=0.01, inputs=["command"], fmus=native)
     assert not np.any(model.B)
+    assert model.idle_inputs == ("command",)
+    with pytest.raises(DescriptionError, match=r"plant\.command changes nothing at t = 0\.01 s, so there is no loop"):
+        loop_margins(STUDY / "step.toml", at=0.01, fmus=native)
+
+
+def test_the_command_notes_an_input_that_moves_nothing(native: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = [
+        "linearize",
+        str(STUDY / "step.toml"),
+        "--inputs",
+        "command",
+        "--outputs",
+        "position",
+        "--fmus",
+        str(native),
+    ]
+    assert main([*given, "--at", "0.01", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["notes"] == ["command changes nothing here: it is saturated or switched off."]
+    assert "note: command changes nothing" in captured.err
+    assert main([*given, "--at", "0", "--set", "trajectory.amplitude=1e-7", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["notes"] == []
 
 
 def test_realization_returns_the_controller(frictionless: System) -> None:

@@ -34,9 +34,6 @@ PLANT_ROWS = 12
 
 DRIFT = {"drift_amplitude": 0.1, "drift_frequency": 5.0}
 OFF: dict[str, dict[str, float]] = {
-    "v_d": {"v_d": 0.01},
-    "v_d_hat": {"v_d_hat": 0.01},
-    "guide_v_d": {"guide_v_d": 1e-3},
     "command_max": {"command_max": 3.0},
     "position_start": {"position_start": 1e-4},
     "resolution": {"resolution": 1e-6},

@@ -8,14 +8,17 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from cosim.design.documents import MapData, SweepData, TuningData
+from cosim.design.documents import FitData, MapData, SweepData, TuningData
 from cosim.design.names import AxisNames, NctfNames
 from cosim.study.claims import ClaimsData
+from cosim.system.schema import SystemData
 
 MODELS: Mapping[str, type[BaseModel]] = {
+    "system": SystemData,
     "sweep": SweepData,
     "tuning": TuningData,
     "map": MapData,
+    "fit": FitData,
     "claims": ClaimsData,
     "nctf_names": NctfNames,
     "friction_pulse_names": AxisNames,

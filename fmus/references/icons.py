@@ -143,13 +143,18 @@ def ballscrew_stage_maxwell_slip(axes: Axes) -> None:
         line(axes, [x for x, _ in path], [y for _, y in path], ORANGE, 4.0)
 
 
+def ripple(axes: Axes) -> None:
+    """Two harmonics over the travel."""
+    x = np.linspace(12.0, 90.0, 120)
+    line(axes, x, 90 + 4 * np.sin(0.5 * x) + 1.5 * np.sin(1.0 * x), ORANGE, 2.5)
+
+
 def ballscrew_axis(axes: Axes) -> None:
     """The stage with a ripple over its travel and an encoder scale."""
     ballscrew_stage(axes)
     for x in np.arange(10.0, 92.0, 5.0):
         line(axes, (x, x), (6, 10), STEEL, 1.8)
-    x = np.linspace(12.0, 90.0, 120)
-    line(axes, x, 90 + 4 * np.sin(0.5 * x) + 1.5 * np.sin(1.0 * x), ORANGE, 2.5)
+    ripple(axes)
 
 
 def compliant_ballscrew(axes: Axes) -> None:
@@ -174,6 +179,18 @@ def linear_motor(axes: Axes) -> None:
         disc(axes, x, 49, 5.5, WHITE)
         disc(axes, x, 49, 1.2, DARK)
     arrow(axes, (28, 78), (76, 78))
+
+
+def compliant_ballscrew_axis(axes: Axes) -> None:
+    """Two inertias with a spring, and a ripple over the travel."""
+    compliant_ballscrew(axes)
+    ripple(axes)
+
+
+def linear_motor_axis(axes: Axes) -> None:
+    """The linear motor with a ripple over its travel."""
+    linear_motor(axes)
+    ripple(axes)
 
 
 def nominal_stage(axes: Axes) -> None:
@@ -300,6 +317,17 @@ def cascade_pid(axes: Axes) -> None:
     line(axes, (72, 72, 39, 39), (52, 28, 28, 44), STEEL, 2.5)
 
 
+def cascade_p(axes: Axes) -> None:
+    """Position loop around velocity loop."""
+    arrow(axes, (2, 60), (14, 60), DARK, 2.5)
+    stage(axes, 14, "P", 60, 24)
+    arrow(axes, (38, 60), (52, 60), DARK, 2.5)
+    stage(axes, 52, "P", 60, 24)
+    arrow(axes, (76, 60), (98, 60))
+    line(axes, (88, 88, 7, 7), (60, 18, 18, 52), STEEL, 2.5)
+    line(axes, (82, 82, 45, 45), (60, 34, 34, 52), STEEL, 2.5)
+
+
 def friction_pulse(axes: Axes) -> None:
     """The pulse at a reversal."""
     block(axes)
@@ -360,7 +388,9 @@ ICONS: dict[str, Callable[[Axes], None]] = {
     "BallscrewStageMaxwellSlip": ballscrew_stage_maxwell_slip,
     "BallscrewAxis": ballscrew_axis,
     "CompliantBallscrew": compliant_ballscrew,
+    "CompliantBallscrewAxis": compliant_ballscrew_axis,
     "LinearMotor": linear_motor,
+    "LinearMotorAxis": linear_motor_axis,
     "NominalStage": nominal_stage,
     "SlidingMode": sliding_mode,
     "ComplementarySlidingMode": complementary_sliding_mode,
@@ -371,6 +401,7 @@ ICONS: dict[str, Callable[[Axes], None]] = {
     "SuperTwisting": super_twisting,
     "DisturbanceObserver": disturbance_observer,
     "CascadePid": cascade_pid,
+    "CascadeP": cascade_p,
     "FrictionPulse": friction_pulse,
     "FrictionFeedforward": friction_feedforward,
     "Trajectory": trajectory,

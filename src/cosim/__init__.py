@@ -4,6 +4,8 @@
     result = cosim.simulate(system)
     result["plant.position"], result.unit("plant.position")
 
+    cosim.plot([result, cosim.read_record("log.csv")], "both.png", signals={"plant.position": "x"})
+
 ``cosim.metrics`` has figures of merit, ``cosim.plots`` pictures, ``cosim.design`` the design tools. Names are imported
 on first use: components and their export need nothing of what runs FMUs.
 """
@@ -21,8 +23,13 @@ if TYPE_CHECKING:
     from .master.isolation import ProcessError
     from .master.run import Interrupted, SignalError
     from .master.simulation import Simulation, simulate
+    from .record.read import Record, read_record
     from .result import metrics, plots
+    from .result.compare import Comparison, Tolerance, compare
+    from .result.picture import plot
+    from .result.read import read_result
     from .result.result import Result
+    from .result.run_report import report_run
     from .system.system import System, make_system, read_system
 
 # The library prints nothing: without a handler of the program, Python would print warnings.
@@ -30,23 +37,31 @@ logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 __all__ = [
     "CallError",
+    "Comparison",
     "CosimError",
     "DescriptionError",
     "FileError",
     "Interrupted",
     "ProcessError",
+    "Record",
     "Result",
     "RunError",
     "SignalError",
     "Simulation",
     "SimulationError",
     "System",
+    "Tolerance",
     "TraceError",
+    "compare",
     "design",
     "make_system",
     "metrics",
+    "plot",
     "plots",
+    "read_record",
+    "read_result",
     "read_system",
+    "report_run",
     "simulate",
 ]
 
@@ -56,7 +71,12 @@ _HOMES = {
     "master.isolation": ("ProcessError",),
     "master.run": ("Interrupted", "SignalError"),
     "master.simulation": ("Simulation", "simulate"),
+    "record.read": ("Record", "read_record"),
+    "result.compare": ("Comparison", "Tolerance", "compare"),
+    "result.picture": ("plot",),
+    "result.read": ("read_result",),
     "result.result": ("Result",),
+    "result.run_report": ("report_run",),
     "system.system": ("System", "make_system", "read_system"),
 }
 _MODULES = {"design": "design", "metrics": "result.metrics", "plots": "result.plots"}

@@ -136,6 +136,19 @@ def test_only_the_chosen_columns_are_read_and_checked(tmp_path: Path) -> None:
     assert read_record(path, time="clock", columns=["x"]).columns["x"].tolist() == [1.0, 2.0]
 
 
+@pytest.mark.parametrize(
+    ("text", "unit", "time"),
+    [
+        ("t,x\n0,1\n5,2\n", "ms", [0.0, 5e-3]),
+        ("t [s],x\n0,1\n5,2\n", "us", [0.0, 5e-6]),
+        ("t,x\n0,1\n5,2\n", "min", [0, 300]),
+    ],
+)
+def test_the_unit_of_time_may_be_said(tmp_path: Path, text: str, unit: str, time: list[float]) -> None:
+    record = read_record(written(tmp_path / "a.csv", text), time_unit=unit)
+    assert record.time == pytest.approx(time, rel=1e-15)
+
+
 def test_a_sampling_time_instead_of_times(tmp_path: Path) -> None:
     record = read_record(written(tmp_path / "a.csv", "x\n1\n2\n3\n"), sampling_time=0.1)
     assert record.time.tolist() == [0.0, 0.1, 0.2]
@@ -149,6 +162,7 @@ def test_a_sampling_time_instead_of_times(tmp_path: Path) -> None:
         ("t [ms],x\n0,1\n2,2\n1,nan\n", {}, "line 4, row 3, column x: nan is not finite"),
         ("t [ms],x\n0,1\n2,2\n1,nan\n", {}, "line 4, row 3, column t: 0.001 s is not after 0.002 s"),
         ("t [mm],x\n0,1\n", {}, "column t: 'mm' is no unit of time."),
+        ("t,x\n0,1\n", {"time_unit": "m"}, "column t: 'm' is no unit of time."),
         ("tme,x\n0,1\n", {}, "which column is the time? Name it, or give a sampling time. Did you mean 'tme'?"),
         ("t,x\n0,1\n", {"time": "tt"}, "no column 'tt'."),
         ("t,x\n0,1\n", {"columns": ["position", "y"]}, "no column 'position'. Known: t, x."),
@@ -162,7 +176,7 @@ def test_a_sampling_time_instead_of_times(tmp_path: Path) -> None:
         ("t,x\n0,0x1\n", {}, "'0x1' is not a number"),
         ("t,x\n2024-01-01,1\n", {}, "column t: '2024-01-01' is not a number"),
     ],
-    ids=range(17),
+    ids=range(18),
 )
 def test_what_is_refused(tmp_path: Path, text: str, options: dict[str, Any], expected: str) -> None:
     with pytest.raises(DescriptionError, match=re.escape(expected)):

@@ -220,3 +220,12 @@ def test_metrics_of_values_that_are_not_finite(wrong: float) -> None:
     ):
         with pytest.raises(DescriptionError, match="not finite"):
             test()
+
+
+@pytest.mark.parametrize("target", ["c.position_ref", "c.position"])
+def test_a_loop_whose_signals_are_sums_has_no_figures(target: str) -> None:
+    time = np.linspace(0.0, 1.0, 11)
+    columns = dict.fromkeys(("t.position", "p.position", "log.d"), time)
+    connections = (*Recording.connections, f"log.d -> {target}")
+    (row,) = summary(Recording(time, columns, dict.fromkeys(columns, "m"), connections))
+    assert row.reason == f"{target} is a sum, not one recorded signal"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
@@ -152,10 +153,8 @@ def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, A
                 "factor": connection.factor,
                 "offset": connection.offset,
                 "units": connection.units,
-                "added": connection.added,
-                "noise": None
-                if connection.noise is None
-                else {"rms": connection.noise.rms, "seed": connection.noise.seed},
+                **({"added": True} if connection.added else {}),
+                **({"noise": asdict(connection.noise)} if connection.noise is not None else {}),
             }
             for connection in system.connections
         ],

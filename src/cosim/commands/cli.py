@@ -18,6 +18,7 @@ from . import (
     check,
     compare,
     export,
+    fit,
     fmus,
     identify,
     info,
@@ -36,7 +37,7 @@ from .surroundings import check_working_folder, explain, keep_to_one_thread, pre
 
 COMMANDS = (
     *(run, compare, check, export, info, list, fmus, study, verify, build),
-    *(sweep, identify, stability, learn, tune, linearize),
+    *(sweep, identify, fit, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""
 TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")

@@ -103,8 +103,9 @@ def given_signals(items: Sequence[str] | None) -> dict[str, str] | None:
 def _compare(options: argparse.Namespace) -> int:
     from ..result.compare import compare
 
-    numbers, tolerances = _check(options)
-    sides = _opened(options, numbers)
+    problems: list[str] = []
+    numbers, tolerances = _check(options, problems)
+    sides = _opened(options, numbers, problems)
     labels = _labels(options)
     sources = _source(sides[0]), _source(sides[1])
     signals = given_signals(options.signals)
@@ -121,11 +122,13 @@ def _compare(options: argparse.Namespace) -> int:
         labels=labels,
     )
     well = _write(found, options, sources)
+    given = {"plot": options.plot, "report": options.report}
     if options.json:
-        print_json(_content(found, options))
+        files = {name: None if file is None else str(file) for name, file in given.items()}
+        print_json({**comparison_content(found), **files})
     else:
-        _show(found)
-        for file in (options.plot, options.report):
+        show_comparison(found)
+        for file in given.values():
             if file is not None and well:
                 standard_output().print(f"Written: {escape(str(file))}", soft_wrap=True)
     return 0 if well and found.within else 1
@@ -134,9 +137,8 @@ def _compare(options: argparse.Namespace) -> int:
 # Options.
 
 
-def _check(options: argparse.Namespace) -> tuple[dict[str, float], list[tuple[str, Tolerance]]]:
-    """The numbers among the options, and the tolerances. Raises DescriptionError with all that are wrong."""
-    problems: list[str] = []
+def _check(options: argparse.Namespace, problems: list[str]) -> tuple[dict[str, float], list[tuple[str, Tolerance]]]:
+    """The numbers among the options, and the tolerances; what is wrong with options goes to ``problems``."""
     numbers: dict[str, float] = {}
     given = (
         *(("time_tolerance", options.time_tolerance, 0.0, 0.0), ("start", options.start, -math.inf, -math.inf)),
@@ -155,6 +157,8 @@ def _check(options: argparse.Namespace) -> tuple[dict[str, float], list[tuple[st
         if not (math.isfinite(numbers[name]) and numbers[name] >= least):
             said = words.get(name, f"--{name.replace('_', '-')}")
             problems.append(f"{said} {text}: give a number of seconds{' from 0 on' if least == 0.0 else ''}.")
+    if numbers["start"] > numbers["stop"]:
+        problems.append(f"--from {options.start} is after --to {options.stop}.")
     tolerances: list[tuple[str, Tolerance]] = []
     for item in options.tolerance:
         try:
@@ -169,8 +173,6 @@ def _check(options: argparse.Namespace) -> tuple[dict[str, float], list[tuple[st
         from ..result.report import check_report
 
         problems += _problems(lambda: check_report(options.report))
-    if problems:
-        raise DescriptionError(problems)
     return numbers, tolerances
 
 
@@ -245,20 +247,22 @@ def _sum(entries: Sequence[Tolerance]) -> Tolerance:
 # Sides.
 
 
-def _opened(options: argparse.Namespace, numbers: Mapping[str, float]) -> list[System | Result | Record]:
-    """Both sides read and checked, nothing run. Raises DescriptionError with the problems of both."""
-    problems: list[str] = []
+def _opened(
+    options: argparse.Namespace, numbers: Mapping[str, float], problems: list[str]
+) -> list[System | Result | Record]:
+    """Both sides read and checked, nothing run. Raises DescriptionError with ``problems`` and those of both."""
     sides: list[System | Result | Record] = []
     both: dict[str, object] = {}
     only_b: dict[str, object] = {}
     problems += _problems(lambda: both.update(given_values(options.values)))
-    problems += _problems(lambda: only_b.update(given_values(options.set_b)))
+    wrong = _problems(lambda: only_b.update(given_values(options.set_b)))
+    problems += [text.replace("--set ", "--set-b ", 1) for text in wrong]
     for text, values in ((options.a, both), (options.b, {**both, **only_b})):
         try:
             sides.append(_side(text, values, options, numbers["sampling_time"]))
         except DescriptionError as error:
             problems += [problem for problem in error.problems if problem not in problems]
-    if not problems:
+    if len(sides) == 2:
         records = [_is_record(text) for text in (options.a, options.b)]
         if all(records) and (options.values or options.stop_time is not None):
             problems.append("--set and --stop-time are of runs, and both sides are records. Leave them out.")
@@ -346,16 +350,17 @@ def _write(found: Comparison, options: argparse.Namespace, sources: Sequence[Res
     return well
 
 
-def _show(found: Comparison) -> None:
+def show_comparison(found: Comparison) -> None:
+    """Print a comparison."""
     console = standard_output()
     for note in (f"Compared: {found.how}.", *found.notes):
         console.print(escape(note), soft_wrap=True)
-    headings = ("Signal", "Unit", "Largest", "at [s]", "rms", "mean", "Fit [%]", "Tolerance")
-    table = make_table(*headings, right=headings[2:7], whole=headings[2:7], title=f"{found.b} minus {found.a}")
+    headings = ("Signal", "Unit", "Largest", "at [s]", "rms", "Fit [%]")
+    table = make_table(*headings, right=headings[2:], whole=headings[2:], title=f"{found.b} minus {found.a}")
     for entry in found.differences:
-        name = entry.name if entry.name == entry.other else f"{entry.name} / {entry.other}"
-        numbers = [_number(value) for value in (entry.maximum, entry.at, entry.rms, entry.mean, entry.fit)]
-        table.add_row(escape(name), escape(entry.unit), *numbers, _verdict(entry))
+        numbers = [_number(entry.maximum), f"{entry.at:.7g}", _number(entry.rms)]
+        numbers.append(f"{entry.fit:.6g}" if math.isfinite(entry.fit) else "none")
+        table.add_row(escape(_name(entry)), escape(entry.unit), *numbers)
     console.print(table)
     if found.tracking:
         table = make_table("", "", "", right=("1",), whole=("1",), title="Tracking errors")
@@ -368,20 +373,36 @@ def _show(found: Comparison) -> None:
             ):
                 table.add_row(escape(said), _number(value), escape(entry.unit))
         console.print(table)
+    for line in _verdicts(found):
+        console.print(line, soft_wrap=True)
 
 
 def _number(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "none"
 
 
-def _verdict(entry: Difference) -> str:
-    if entry.tube is None:
-        return ""
-    out = entry.outside
-    return "within" if out is None else f"outside: {100.0 * out.share:.3g} %, from {out.first:.6g} s on"
+def _name(entry: Difference) -> str:
+    return entry.name if entry.name == entry.other else f"{entry.name} / {entry.other}"
 
 
-def _content(found: Comparison, options: argparse.Namespace) -> dict[str, Any]:
+def _verdicts(found: Comparison) -> list[str]:
+    """Which signals are outside their tolerances, and how many are within."""
+    judged = [entry for entry in found.differences if entry.tube is not None]
+    lines: list[str] = []
+    for entry in judged:
+        if (out := entry.outside) is not None:
+            beyond = f"by up to {out.excess:.4g} {entry.unit}" if math.isfinite(out.excess) else "not finite"
+            share = f"{out.count} samples ({100.0 * out.share:.3g} %)"
+            lines.append(
+                f"[bold red]{escape(_name(entry))}: outside its tolerance[/] in {share}, from {out.first:.6g} s on, "
+                f"{escape(beyond)}"
+            )
+    within = len(judged) - len(lines)
+    return [*lines, f"Within their tolerances: {within} of {len(judged)} signals."] if judged else []
+
+
+def comparison_content(found: Comparison) -> dict[str, Any]:
+    """A comparison for JSON."""
     return {
         "a": found.a,
         "b": found.b,
@@ -409,6 +430,4 @@ def _content(found: Comparison, options: argparse.Namespace) -> dict[str, Any]:
         ],
         "tracking": [asdict(entry) for entry in found.tracking],
         "notes": list(found.notes),
-        "plot": None if options.plot is None else str(options.plot),
-        "report": None if options.report is None else str(options.report),
     }

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import common_arguments, show
+from .console import common_arguments, print_note, show
 
 
 def add(commands: Any) -> None:
     """Add ``identify``."""
     identify = commands.add_parser(
         "identify",
-        help="identify the nominal characteristic trajectory of a stage",
-        description="Identify a nominal characteristic trajectory (NCT) from an open-loop pulse.",
+        help="first values from a log or a pulse: friction, nominal characteristic trajectory",
+        description="Identify friction from a log, or a nominal characteristic trajectory (NCT) from a pulse.",
     ).add_subparsers(metavar="WHAT", required=True)
     nct = identify.add_parser(
         "nct",
@@ -39,6 +39,62 @@ def add(commands: Any) -> None:
     nct.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
     nct.add_argument("--plot", type=Path, metavar="FILE", help="draw the phase plane")
     common_arguments(nct, _identify)
+    _add_friction(identify)
+
+
+def _add_friction(identify: Any) -> None:
+    friction = identify.add_parser(
+        "friction",
+        help="first values of inertia and friction from a log of position and force",
+        description="First values of inertia, sliding friction of both directions, break-away and presliding stiffness "
+        "from a log (.csv, .parquet, .mat), and which of them the log excites.",
+        epilog="Example: cosim identify friction docs/examples/your_machine/stage.csv --position position "
+        "--force command --factor 125.66 --unit N --plot friction.png",
+    )
+    friction.add_argument("record", type=Path, metavar="RECORD", help="a log: .csv, .parquet or .mat")
+    friction.add_argument("--position", default="position", metavar="COLUMN", help="default: position")
+    friction.add_argument("--force", default="force", metavar="COLUMN", help="force or command (default: force)")
+    friction.add_argument(
+        "--factor", type=float, default=1.0, metavar="K", help="force a unit of its column (default: 1)"
+    )
+    friction.add_argument("--unit", metavar="UNIT", help="of the force (default: as the record says, else N)")
+    friction.add_argument("--time", metavar="COLUMN", help="default: the column called time or t")
+    friction.add_argument("--sampling-time", type=float, metavar="SECONDS", help="of a record without times")
+    friction.add_argument("--window", type=float, nargs=2, metavar=("FROM", "TO"), help="seconds that are looked at")
+    friction.add_argument("--plot", type=Path, metavar="FILE", help="draw friction over velocity")
+    common_arguments(friction, _friction)
+
+
+def _friction(options: argparse.Namespace) -> int:
+    from ..design import friction
+
+    look = friction.identify_friction(
+        options.record,
+        position=options.position,
+        force=options.force,
+        factor=options.factor,
+        force_unit=options.unit,
+        time=options.time,
+        sampling_time=options.sampling_time,
+        **({} if options.window is None else {"span": tuple(options.window)}),
+    )
+    if options.plot is not None:
+        friction.plot_friction(look, options.plot, title=str(options.record))
+    rows: list[tuple[str, ...]] = [("First values", "Value", "+-", "Unit", "From")]
+    for v in look.values:
+        figures = (f"{v.value:.5g}", f"{v.deviation:.2g}") if v.excited else ("not excited", "")
+        rows.append((v.name, *figures, v.unit, v.why))
+    show(options, friction.summary(look), rows, f"{options.record}: {look.samples} samples")
+    if not options.json:
+        unit = "mm/s" if look.length == "m" else "mrad/s"
+        rows = [(unit, look.unit, "+-")]
+        for curve in (look.negative, look.positive):
+            lines = zip(curve.velocity, curve.friction, curve.spread, strict=True)
+            rows += sorted((f"{1e3 * v:.4g}", f"{f:.4g}", f"{s:.2g}") for v, f, s in lines)
+        rows[1:] = sorted(rows[1:], key=lambda row: float(row[0]))
+        show(options, {}, rows, "Friction over velocity")
+        print_note(f"{100.0 * look.slow_share:.2g} % of the samples move slower than a hundredth of the largest speed.")
+    return 0
 
 
 def _identify(options: argparse.Namespace) -> int:

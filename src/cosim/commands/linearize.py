@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import common_arguments, set_argument, show
+from .console import common_arguments, print_note, set_argument, show
 from .systems import given_values
 
 
@@ -58,6 +58,9 @@ def _linearize(options: argparse.Namespace) -> int:
         model = linearize.linearize(
             source, instance=options.instance, at=at, inputs=options.inputs, outputs=options.outputs
         )
+    notes = [f"{name} changes nothing here: it is saturated or switched off." for name in model.idle_inputs]
+    for note in notes:
+        print_note(f"note: {note}")
     found: Margins | None = None
     if options.margins:
         if alone:
@@ -76,6 +79,7 @@ def _linearize(options: argparse.Namespace) -> int:
         **matrices,
         "poles": poles,
         "margins": None if found is None else vars(found),
+        "notes": notes,
     }
     rows: list[tuple[str, ...]] = [("", *model.states, *model.inputs)]
     for names, left, right in (

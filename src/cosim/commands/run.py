@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.markup import escape
 
 from ..errors import CosimError, DescriptionError
+from .compare import comparison_content, show_comparison
 from .console import Bar, make_table, print_error, print_json, print_note, standard_output
+from .overlay import Overlay, opened, overlay_arguments
 from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
     from ..master.instance import RunError
     from ..record.write import RecordWriter
+    from ..result.compare import Comparison
     from ..result.result import Result
     from ..system.system import System
 
@@ -55,6 +58,7 @@ def add(commands: Any) -> None:
     run.add_argument(
         "--report", type=Path, metavar="FILE", help="write a page with all of the run, such as run.html (extra report)"
     )
+    overlay_arguments(run)
     run.add_argument("--json", action="store_true", help="print the summary as JSON, for scripts")
     run.add_argument(
         "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
@@ -74,6 +78,7 @@ def _run(options: argparse.Namespace) -> int:
     begun = time.perf_counter()
     _check(options)
     system = given_system(options)
+    overlay = opened(options, system)
     from ..master.instance import RunError
     from ..master.run import Interrupted
     from ..master.trial import Trial
@@ -90,14 +95,14 @@ def _run(options: argparse.Namespace) -> int:
         except RunError as error:
             return _failed(error, options, record)
         except Interrupted as interruption:
-            _finish(interruption.result, options, record, begun, notes, interrupted=True)
+            _finish(interruption.result, options, record, begun, notes, overlay=overlay, interrupted=True)
             return 128 + interruption.number
         if trial is not None:
             said = _said(result)
             found = [note for note in trial.findings(seconds=TRIAL_SECONDS).notes if note not in said]
             _show_notes(found, options)
             notes += found
-        return _finish(result, options, record, begun, notes)
+        return _finish(result, options, record, begun, notes, overlay=overlay)
 
 
 def _show_notes(notes: Sequence[str], options: argparse.Namespace) -> None:
@@ -230,7 +235,13 @@ def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -
 
 
 def _save(
-    result: Result, options: argparse.Namespace, record: _RecordFile, notes: Sequence[str], *, early: bool
+    result: Result,
+    options: argparse.Namespace,
+    record: _RecordFile,
+    notes: Sequence[str],
+    *,
+    early: bool,
+    compared: Comparison | None = None,
 ) -> bool:
     """Write the files of a run; whether that went well. Tells of what was not written, and of a run that ended early.
 
@@ -250,13 +261,9 @@ def _save(
         print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
     writers: list[Callable[[], object]] = []
     if options.plot is not None and result.time.size > 1:
-        from ..result.plots import plot_run
-
-        writers.append(lambda: plot_run(result, options.plot))
+        writers.append(lambda: _plot(result, options.plot, compared))
     if options.report is not None:
-        from ..result.run_report import report_run
-
-        writers.append(lambda: report_run(result, options.report, notes=notes))
+        writers.append(lambda: _report(result, options.report, notes, compared))
     for write in writers:
         try:
             write()
@@ -266,6 +273,23 @@ def _save(
     return well
 
 
+def _plot(result: Result, path: Path, compared: Comparison | None) -> None:
+    from ..result.compare_report import plot_comparison
+    from ..result.plots import plot_run
+
+    if compared is None:
+        plot_run(result, path)
+    else:
+        plot_comparison(compared, path)
+
+
+def _report(result: Result, path: Path, notes: Sequence[str], compared: Comparison | None) -> None:
+    from ..result.compare_report import comparison_sections
+    from ..result.run_report import report_run
+
+    report_run(result, path, notes=notes, also=[] if compared is None else comparison_sections(compared))
+
+
 def _finish(
     result: Result,
     options: argparse.Namespace,
@@ -273,6 +297,7 @@ def _finish(
     begun: float,
     notes: Sequence[str],
     *,
+    overlay: Overlay | None,
     interrupted: bool = False,
 ) -> int:
     """Messages, files and the summary that end a run; the exit code, 1 if recorded values are not finite."""
@@ -286,7 +311,9 @@ def _finish(
         print_error("Interrupted.")
     every = record.thinned(result)
     thinned = [f"{record.count(result)} rows; figures and pictures are of every {every}th."] if every > 1 else []
-    well = _save(result, options, record, [*notes, *thinned], early=interrupted)
+    compared = overlay.compare(result) if overlay is not None and result.time.size > 1 else None
+    well = _save(result, options, record, [*notes, *thinned], early=interrupted, compared=compared)
+    well = well and (overlay is None) == (compared is None)
     for note in thinned:
         print_note(f"note: {note}")
     figures = summary(result)
@@ -313,6 +340,7 @@ def _finish(
                 for row in figures
             ],
             "notes": [*notes, *_said(result)],
+            "overlay": None if compared is None else comparison_content(compared),
             "output": None if options.output is None else str(options.output),
             "plot": None if options.plot is None else str(options.plot),
             "report": None if options.report is None else str(options.report),
@@ -336,6 +364,8 @@ def _finish(
         table.add_row(escape(row.name), value, escape(row.reason or row.unit))
     console = standard_output()
     console.print(table)
+    if compared is not None:
+        show_comparison(compared)
     for file in (options.output, options.plot, options.report):
         if file is not None and well:
             console.print(f"Written: {escape(str(file))}", soft_wrap=True)

@@ -23,15 +23,28 @@ def add(commands: Any) -> None:
     study.add_argument("--output", type=Path, metavar="DIR", help="folder of the report (default: results/NAME)")
     study.add_argument("--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*'")
     study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
+    study.add_argument(
+        "--data", type=Path, metavar="DIR", help="folder of the files that the study reads (emps); they stay yours"
+    )
     fmus_argument(study)
     study.set_defaults(command=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
-    return main(options.name, options.output, runs=options.runs, jobs=options.jobs, fmus=options.fmus)
+    return main(
+        options.name, options.output, runs=options.runs, jobs=options.jobs, fmus=options.fmus, data=options.data
+    )
 
 
-def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 1, fmus: Path | None = None) -> int:
+def main(
+    name: str,
+    output: Path | None = None,
+    *,
+    runs: str = "*",
+    jobs: int = 1,
+    fmus: Path | None = None,
+    data: Path | None = None,
+) -> int:
     """Run a study, write its report into ``output`` (results/NAME), show the verdicts.
 
     Returns 0, or 1 if a run failed; a claim that does not hold is a finding, not a failure.
@@ -50,7 +63,7 @@ def main(name: str, output: Path | None = None, *, runs: str = "*", jobs: int = 
             done += 1
             bar.update(done, total, outcome.name)
 
-        outcomes = run_study(folder, pattern=runs, jobs=jobs, fmus=fmus, progress=advance)
+        outcomes = run_study(folder, pattern=runs, jobs=jobs, fmus=fmus, data=data, progress=advance)
     verdicts = [judge(claim, outcomes) for claim in study.claims]
     report = write_report(output or Path("results") / folder.name, folder.name, study, outcomes, verdicts)
     console = standard_output()

@@ -1,6 +1,8 @@
 """Design tools on top of the master: procedures that run a system many times.
 
     sweep       systems over grids, lists and random designs of start values, on a cluster if there is one
+    friction    first values of inertia and friction from a log
+    fit         start values of a system, and of its sensors, from records of the real machine
     identify    the nominal characteristic trajectory of a stage from an open-loop pulse
     stability   linear and practical limits of NCTF control, maps of limits
     pulse       learning of friction pulses

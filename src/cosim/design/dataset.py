@@ -13,7 +13,7 @@ from typing import Any, cast
 
 from ..errors import DescriptionError
 from ..files import PART, reason, write_file
-from .plan import Point, Sweep
+from .plan import Point, Sweep, variable_of
 
 ABOUT = "sweep.json"
 DAMAGED = ".damaged"
@@ -91,8 +91,8 @@ class DataSet:
                 held = ""
         if not restart and held not in (None, sweep.digest):
             raise DescriptionError(
-                f"{self.folder} holds another sweep, or one with other FMUs. Name another folder with --output, "
-                "or start anew with --restart."
+                f"{self.folder} holds another sweep, or one with other FMUs or records. Name another folder with "
+                "--output, or start anew with --restart."
             )
         content = {
             "digest": sweep.digest,
@@ -102,7 +102,7 @@ class DataSet:
             "system_digest": sweep.system.digest,
             "method": sweep.method,
             "parameters": list(sweep.parameters),
-            "units": {path: sweep.system.variable(*path.split(".", 1)).unit or "1" for path in sweep.parameters},
+            "units": {path: variable_of(sweep.system, path).unit or "1" for path in sweep.parameters},
             "runs": len(sweep.points),
         }
         write_file(self.folder / ABOUT, json.dumps(content, indent=2))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -165,3 +165,96 @@ class MapData(Table):
                 'Write pulse = "pulse.toml"'
             )
         return self
+
+
+class FreeData(Table):
+    """A free value: where it starts, between what it stays."""
+
+    EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0 }"
+
+    start: Number | None = None
+    low: Annotated[Number | None, Field(alias="from")] = None
+    high: Annotated[Number | None, Field(alias="to")] = None
+    log: bool = False
+    """Whether it is looked for over its logarithm."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> FreeData:
+        given = [value for value in (self.low, self.start, self.high) if value is not None]
+        if sorted(given) != given or (self.low is not None and self.low == self.high):
+            raise ValueError("from, start and to must rise")
+        if self.log and given and given[0] <= 0.0:
+            raise ValueError(f"log needs positive values, not {given[0]:g}")
+        return self
+
+
+class ParameterData(FreeData):
+    """A free start value of an FMU."""
+
+    also: Sequence[Text] = ()
+    """More variables that get the same value."""
+
+
+def _number_or_table(value: object) -> str:
+    return "table" if isinstance(value, Mapping) else "number"
+
+
+FixedOrFree = Annotated[
+    Annotated[FreeData, Tag("table")] | Annotated[Number, Tag("number")], Discriminator(_number_or_table)
+]
+
+
+class OutputData(Table):
+    """A signal of the system and the column that it is compared with."""
+
+    EXAMPLE: ClassVar[str] = '{ signal = "plant.position", column = "x" }'
+
+    signal: Text
+    column: Text | None = None
+    unit: Text | None = None
+    """Unit of the column; default: as the record says, else that of the signal."""
+    factor: Number = 1.0
+    """Of the column, before it is compared."""
+    reference: Text | None = None
+    """Column about which figures are told: with the reference of a loop they are those of the tracking error."""
+    noise: Positive | None = None
+    """Standard deviation in the unit of the signal."""
+    delay: FixedOrFree = 0.0
+    """Time in s by which the record is late."""
+    gain: FixedOrFree = 1.0
+    bias: FixedOrFree = 0.0
+
+
+class RecordData(Table):
+    """A record."""
+
+    EXAMPLE: ClassVar[str] = '{ file = "stage.csv" }'
+
+    file: Text
+    use: Literal["fit", "validate"] = "fit"
+    time: Text | None = None
+    sampling_time: Positive | None = None
+    signals: list[Text] | None = None
+    window: Window | None = None
+    period: Positive | None = None
+    start: Mapping[str, Scalar] = {}
+    free: Mapping[str, ParameterData] = {}
+
+
+class FitData(Table):
+    """A fit file."""
+
+    system: Text
+    """A system file, relative to this file."""
+    description: str = ""
+    timeout: Positive | None = None
+    """Limit for a run, s."""
+    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
+    starts: Count = 1
+    seed: int = 1
+    loops: Count = 200
+    """Most runs of a record."""
+    parameters: Annotated[dict[str, ParameterData], Field(min_length=1)]
+    outputs: Annotated[dict[str, OutputData], Field(min_length=1)]
+    records: Annotated[dict[str, RecordData], Field(min_length=1)]
+    experiment: ExperimentData = ExperimentData()

@@ -52,6 +52,12 @@ class StateSpace:
         """Eigenvalues of A."""
         return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
 
+    @property
+    def idle_inputs(self) -> tuple[str, ...]:
+        """Inputs that change no state and no output here: saturated, or switched off."""
+        idle = ~np.any(np.vstack((self.B, self.D)) != 0.0, axis=0)
+        return tuple(name for name, rests in zip(self.inputs, idle, strict=True) if rests)
+
     def held(self, T_s: float) -> StateSpace:
         """The sampled model with inputs held over ``T_s``."""
         from scipy import linalg as _linalg
@@ -331,7 +337,8 @@ def loop_margins(
     """Loop transfer function and margins of the position loop of a system, about where it is ``at`` a time.
 
     ``start`` gives start values (``{"controller.sensor_resolution": 0.0}``). The command is held from the sample at
-    which its position is measured; the connection's factor counts.
+    which its position is measured; the connection's factor counts. Raises DescriptionError where the command moves
+    nothing, as at its limit.
     """
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(start)
@@ -339,6 +346,11 @@ def loop_margins(
     if not wired:
         raise DescriptionError(f"{system.name}: {controller}.{command} does not feed {plant}.{command}.")
     model = linearize(system, instance=plant, at=at, inputs=[command], outputs=[position])
+    if model.idle_inputs:
+        raise DescriptionError(
+            f"{plant}.{command} changes nothing at t = {at:g} s, so there is no loop and no margin. It is saturated "
+            "there: linearize at another time, or raise the limit."
+        )
     sampled = sampled_controller(system, controller, at=at, input=position, output=command, step=step)
     T_s = cast(float, sampled.T_s)
     factor = -wired[0].factor  # negative feedback: the controller sees the position, not the error

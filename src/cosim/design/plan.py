@@ -21,6 +21,7 @@ from ..fmu.variables import Variable
 from ..result import metrics as figures
 from ..result.result import Result
 from ..result.summary import tracking
+from ..system.signals import setting
 from ..system.system import System, read_system
 from ..system.values import start_value
 from .documents import AxisData, RunsData, SweepData
@@ -81,7 +82,17 @@ class Sweep:
     @property
     def digest(self) -> str:
         """SHA-256 of everything that decides the results."""
-        content = [self.system.digest, self.parameters, self.points, [vars(m) for m in self.metrics], self.window]
+        content: list[Any] = [
+            self.system.digest,
+            self.parameters,
+            self.points,
+            [vars(m) for m in self.metrics],
+            self.window,
+        ]
+        files = sorted({file for _, file in _records(self.system, self.parameters, self.points)})
+        if files:
+            folder = Path(self.system.folder)
+            content.append([hashlib.sha256((folder / file).read_bytes()).hexdigest() for file in files])
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -106,6 +117,8 @@ def make_sweep(
     try:
         variables = {path: variable_of(system, path) for path in data.parameters}
         points = _points(data, variables)
+        for path, file in _records(system, tuple(data.parameters), points):
+            system.changed({path: file})  # says what is wrong with a record
     except DescriptionError as error:
         problems += [f"{name}: {problem}" for problem in error.problems]
     wanted, window, found = figures_of(data, system)
@@ -142,10 +155,18 @@ def recording(system: System, wanted: Sequence[Metric]) -> System:
 def variable_of(system: System, path: str) -> Variable:
     """The variable of a parameter of a file. Raises DescriptionError if there is none, or it cannot be set."""
     instance, _, variable = path.partition(".")
-    found = system.variable(instance, variable)
+    signal = next((signal for signal in system.signals if signal.name == instance), None)
+    found = system.variable(instance, variable) if signal is None else setting(signal, variable)
     if not found.settable:
         raise DescriptionError(f"parameters.{path}: a {found.variability} {found.causality} cannot be set.")
     return found
+
+
+def _records(system: System, parameters: Sequence[str], points: Sequence[Point]) -> list[tuple[str, str]]:
+    """The records that parameters name: path of the parameter and file."""
+    names = {f"{signal.name}.file" for signal in system.signals}
+    wanted = {(path, str(point[i])): None for i, path in enumerate(parameters) if path in names for point in points}
+    return list(wanted)
 
 
 def check_values(variables: Mapping[str, Variable], rows: Sequence[Point]) -> None:

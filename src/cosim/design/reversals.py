@@ -12,6 +12,7 @@ from ..errors import DescriptionError
 from ..master.simulation import Checkpoint
 from ..result.metrics import Array, rms
 from ..system.system import System, make_system
+from ..system.written import connection_entries
 from .names import AxisNames, axis_names
 from .workers import Limit, Loadable, WorkerError, Workers, simulation_of
 
@@ -81,7 +82,8 @@ class Axis:
 def axis_system(system: System, axis: Axis) -> System:
     """The part of a system that is connected with the axis, with the plant's velocity led to its controller."""
     document = system.document
-    ends = [(c.source[0], c.target[0]) for c in system.connections]
+    records = {signal.name for signal in system.signals}
+    ends = [(c.source[0], c.target[0]) for c in system.connections if c.source[0] not in records]
     members = {axis.pulse}
     grown = True
     while grown:
@@ -92,11 +94,7 @@ def axis_system(system: System, axis: Axis) -> System:
         system.instance(name)
         if name not in members:
             raise DescriptionError(f"{system.name}: {name} is not connected with {axis.pulse}.")
-    wires: list[Any] = [
-        {"from": ".".join(c.source), "to": ".".join(c.target), "factor": c.factor, "offset": c.offset}
-        for c in system.connections
-        if c.source[0] in members
-    ]
+    wires: list[Any] = list(connection_entries([c for c in system.connections if c.target[0] in members]))
     measured, velocity = axis.names.controller.velocity, axis.names.plant.velocity
     if not any(c.target == (axis.controller, measured) for c in system.connections):
         wires.append(f"{axis.plant}.{velocity} -> {axis.controller}.{measured}")
@@ -107,6 +105,7 @@ def axis_system(system: System, axis: Axis) -> System:
         "connections": wires,
         "experiment": {**experiment, "stop_time": LEAD_IN + 2.0 * LEAD_OUT},
         "instances": {name: table for name, table in document["instances"].items() if name in members},
+        **({"signals": document["signals"]} if records else {}),
         "record": {"variables": axis.recorded},
     }
     return make_system(part, name=system.name, folder=system.folder, fmus=system.fmus)

@@ -118,21 +118,26 @@ class Loadable:
         return cls(system.document, system.name, str(Path(system.folder).resolve()), fmus, system.digest)
 
 
+KEPT = 4
+"""Systems that a process keeps loaded: those of the records of a fit alternate."""
+
 _loaded: dict[str, Simulation] = {}
-"""The simulation of this process, kept from run to run."""
+"""The simulations of this process, kept from run to run, the one used last at the end."""
 
 
 def simulation_of(loadable: Loadable) -> Simulation:
-    """The simulation of a system in this process; that of another system is freed. Raises LoadError."""
-    found = _loaded.get(loadable.digest)
+    """The simulation of a system in this process; the one longest unused is freed for it. Raises LoadError."""
+    found = _loaded.pop(loadable.digest, None)
     if found is not None:
+        _loaded[loadable.digest] = found
         return found
-    unload()
+    while len(_loaded) >= KEPT:
+        _loaded.pop(next(iter(_loaded))).close()
     try:
         system = make_system(loadable.document, name=loadable.name, folder=loadable.folder, fmus=loadable.fmus)
         if system.digest != loadable.digest:
             raise DescriptionError(
-                f"{loadable.name}: this worker finds other FMUs than its owner. "
+                f"{loadable.name}: this worker finds other FMUs or records than its owner. "
                 f"Give all machines the same files below {loadable.folder}."
             )
         _loaded[loadable.digest] = Simulation(system).__enter__()

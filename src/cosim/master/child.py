@@ -207,7 +207,7 @@ def started() -> None:
         document, name, folder, fmus = arguments
         made = make_system(document, name=name, folder=folder, fmus=fmus)
         if made.digest != given["digest"]:
-            raise DescriptionError(f"{name}: an FMU changed after it was read. Read the system again.")
+            raise DescriptionError(f"{name}: an FMU or a record changed after it was read. Read the system again.")
         return made
 
     serve(system, job, memory, channel)

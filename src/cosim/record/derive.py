@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib import import_module
 from typing import Any
 
@@ -27,7 +28,7 @@ def differences(time: Array, values: Array, order: int) -> Array:
 def smoothed(time: Array, values: Array, order: int, *, window: float, polynomial: int) -> Array:
     """Derivatives of polynomials that are fitted to the samples around each (Savitzky and Golay 1964).
 
-    ``window`` in s is the length of the piece that a polynomial is fitted to, the sample in its middle.
+    ``window`` in s is what the samples that a polynomial is fitted to span at most, the sample in its middle.
     Raises DescriptionError where it does not fit the record, or the samples are not equally spaced.
     """
     try:
@@ -39,7 +40,8 @@ def smoothed(time: Array, values: Array, order: int, *, window: float, polynomia
     # The filter counts samples. A tenth of a step is more than what rounded times differ by.
     if not steps.size or np.max(np.abs(steps - step)) > 0.1 * step:
         raise DescriptionError("smoothing needs equally spaced samples. Resample the record before.")
-    count = 2 * round(0.5 * window / step) + 1
+    # The longest odd number of samples that spans no more than the window.
+    count = 2 * math.floor(0.5 * window / step + 1e-6) + 1
     if count <= polynomial or order > polynomial:
         raise DescriptionError(
             f"smoothing.window = {window:g} s holds {count} samples of {step:.6g} s: a polynomial of degree "

@@ -64,6 +64,7 @@ def read_record(
     path: str | Path,
     *,
     time: str | None = None,
+    time_unit: str | None = None,
     sampling_time: float | None = None,
     columns: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
@@ -72,9 +73,10 @@ def read_record(
 
     CSV: cells divided by comma, semicolon or tab, decimal point or comma, the first line names the columns, a row of
     units may follow. Units may stand in names, too: column ``x [mm]`` is ``x`` in mm. ``time`` names the column of time
-    (default: the one called time or t); its unit may be any unit of time, s if none is said. A record without one needs
-    ``sampling_time`` in s; its first sample is at 0 then. ``columns`` are those to read, by name or by all of the
-    label, default all. ``units`` says units that the file does not say, or says wrongly; values stay as they are.
+    (default: the one called time or t). ``time_unit`` is its unit, by default what the file says, s if it does not. A
+    record without times needs ``sampling_time`` in s; its first sample is at 0 then. ``columns`` are those to read, by
+    name or by all of the label, default all. ``units`` says units that the file does not say, or says wrongly; values
+    stay as they are.
     Parquet needs the extra ``parquet``, MAT (version 5) the extra ``tools``.
     Raises DescriptionError that names row and column of what is no finite number, and times that do not rise.
     """
@@ -108,7 +110,8 @@ def read_record(
     if time_column is None:
         seconds = np.arange(len(values), dtype=np.float64) * float(sampling_time or 0.0)
     else:
-        seconds = _seconds(path, names.names[time_column], in_order[time_column], found[time_column])
+        unit = found[time_column] if time_unit is None else unit_text(time_unit)
+        seconds = _seconds(path, names.names[time_column], in_order[time_column], unit)
         wrong += [(row, time_column, f"{names.names[time_column]}: {why}") for row, why in _falling(seconds)]
     if wrong:
         texts = [f"{path}: {table.place(row)}, column {text}" for row, _, text in sorted(wrong)]
@@ -164,9 +167,9 @@ def _time_column(names: _Names, time: str | None, sampling_time: float | None, p
         found = [i for i, name in enumerate(names.names) if name.rpartition(".")[2].strip().casefold() == known]
         if len(found) == 1:
             return found[0]
-    problems.append(
-        f"{names.path}: which column is the time? Name it, or give a sampling time.{suggest('time', names.names)}"
-    )
+    marks = " Cells are divided by comma, semicolon or tab." if len(names.names) == 1 else ""
+    known = suggest("time", names.names)
+    problems.append(f"{names.path}: which column is the time? Name it, or give a sampling time.{known}{marks}")
     return None
 
 

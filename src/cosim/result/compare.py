@@ -18,8 +18,7 @@ from ..record.read import Record
 from ..units import conversion
 from .align import Pairs, estimate_delay, pair, resample, side_of
 from .metrics import Array, max_abs, mean, rms, sine_amplitude
-from .result import Result
-from .summary import loops
+from .summary import Recorded, loops
 
 SEGMENTS = 8
 """Segments over which a spectrum is averaged: fewer is rough, more has no low frequencies."""
@@ -143,8 +142,8 @@ class Comparison:
 
 
 def compare(
-    a: Result | Record,
-    b: Result | Record,
+    a: Recorded | Record,
+    b: Recorded | Record,
     signals: Mapping[str, str] | Sequence[str] | None = None,
     *,
     tolerance: Tolerance | Mapping[str, Tolerance] | None = None,
@@ -238,7 +237,7 @@ def _difference(
         mean=mean(off),
         relative=max_abs(off) / span if span > 0.0 else math.nan,
         fit=100.0 * (1.0 - float(np.linalg.norm(off)) / norm) if norm > 0.0 else math.nan,
-        spectrum=spectrum(time, off) if finite and time.size >= 2 * SEGMENTS else None,
+        spectrum=spectrum(time, off) if finite and np.any(off) and time.size >= 2 * SEGMENTS else None,
         tube=tube,
         outside=None if tube is None else _outside(time, b, tube),
     )
@@ -307,7 +306,7 @@ def spectrum(time: Array, signal: Array) -> Spectrum:
 
 def _tracking(
     pairs: Pairs,
-    sources: tuple[Result | Record, Result | Record],
+    sources: tuple[Recorded | Record, Recorded | Record],
     of_a: Mapping[str, Array],
     of_b: Mapping[str, Array],
     notes: list[str],
@@ -317,7 +316,7 @@ def _tracking(
     units = dict(zip((name for name, _ in pairs.names), pairs.units, strict=True))
     found: dict[tuple[str, str], Tracking] = {}
     for source, own in zip(sources, ({name: name for name in of_a}, names_of_b), strict=True):
-        for loop in loops(source) if isinstance(source, Result) else ():
+        for loop in () if isinstance(source, Record) else loops(source):
             reference, position = own.get(loop.reference), own.get(loop.position)
             if reference is None or position is None or (reference, position) in found:
                 continue

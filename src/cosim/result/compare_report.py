@@ -98,7 +98,7 @@ def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list
     spectra = [
         Panel(
             "Density",
-            f"{entry.unit}/Hz0.5",
+            f"{typeset(entry.unit)}/\N{SQUARE ROOT}Hz",
             (Series(entry.name, entry.spectrum.frequency, entry.spectrum.density),),
             log=True,
         )
@@ -122,7 +122,7 @@ def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list
 
 
 def report_comparison(
-    found: Comparison, path: Path, sources: tuple[Result | Record, Result | Record], *, notes: Sequence[str] = ()
+    found: Comparison, path: str | Path, sources: tuple[Result | Record, Result | Record], *, notes: Sequence[str] = ()
 ) -> Path:
     """Write the page of a comparison of ``sources``; ``notes`` stand on it beside those of the comparison.
 

@@ -10,6 +10,7 @@ Long signals are drawn as their envelope, so no peak is lost. matplotlib is load
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
-from ..files import Replacement, check_writable
+from ..files import check_writable, write_file
 from ..units import conversion
 from .metrics import Array, max_abs
 from .summary import Loop, Recorded, loops
@@ -150,16 +151,23 @@ def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) 
     Raises DescriptionError for another ending than PICTURES, FileError if it cannot be written.
     """
     check_format(path)
+    content = rendered(draw, size, path.suffix.lower()[1:])
+    write_file(path, content)
+
+
+def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: str = "png") -> bytes:
+    """The picture that ``draw`` makes, ``size`` in inches, as the content of a file of that ending."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    content = io.BytesIO()
     with matplotlib.rc_context(cast(Any, _STYLE)):
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure)
-        with Replacement(path) as new:
-            figure.savefig(new.file, format=path.suffix.lower()[1:])
+        figure.savefig(content, format=ending)
+    return content.getvalue()
 
 
 def check_format(path: Path) -> None:
@@ -224,6 +232,14 @@ def plot_panels(
     """
     if not panels:
         raise DescriptionError(f"picture {path}: nothing to draw.")
+    draw, size = panels_drawing(panels, title=title, columns=columns, x_quantity=x_quantity, x_unit=x_unit)
+    save(path, draw, size)
+
+
+def panels_drawing(
+    panels: Sequence[Panel], *, title: str = "", columns: int = 1, x_quantity: str = "Time", x_unit: str = "s"
+) -> tuple[Callable[[Figure], None], tuple[float, float]]:
+    """What draws panels, see ``plot_panels``, and the size of the picture in inches."""
     rows = math.ceil(len(panels) / columns)
 
     def draw(figure: Figure) -> None:
@@ -243,7 +259,7 @@ def plot_panels(
             else:
                 axes.tick_params(labelbottom=False)
 
-    save(path, draw, (7.2 if columns == 1 else 4.6 * columns, 0.6 + 1.75 * rows))
+    return draw, (7.2 if columns == 1 else 4.6 * columns, 0.6 + 1.75 * rows)
 
 
 def plot_run(result: Recorded, path: Path) -> None:

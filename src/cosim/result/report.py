@@ -102,11 +102,12 @@ def check_report(path: Path) -> None:
     check_writable(path)
 
 
-def write_report(path: Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
+def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
     """Write a page of ``sections``, whole or not at all; a section without parts is left out.
 
     Raises DescriptionError for another ending than .html or if plotly is missing, FileError if it cannot be written.
     """
+    path = Path(path)
     check_report(path)
     sections = [section for section in sections if section.parts]
     charts = [part for section in sections for part in section.parts if isinstance(part, Chart)]
@@ -116,12 +117,19 @@ def write_report(path: Path, title: str, sections: Sequence[Section], *, subtitl
     return write_file(path, _render(title, subtitle, sections, content, script))
 
 
-def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequence[str], script: str) -> str:
-    environment = Environment(
+def environment() -> Environment:
+    """Where the templates of this room are."""
+    found = Environment(
         loader=PackageLoader("cosim.result"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    environment.filters["number"] = _number
-    environment.tests["text"] = lambda value: isinstance(value, str)
+    found.filters["number"] = _number
+    found.filters["typeset"] = typeset
+    found.tests["text"] = lambda value: isinstance(value, str)
+    return found
+
+
+def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequence[str], script: str) -> str:
+    templates = environment()
     content = iter(charts)
     blocks: list[dict[str, Any]] = []
     for i, section in enumerate(sections):
@@ -138,14 +146,14 @@ def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequ
         maker = f"cosim {version('motion-cosim')}"
     except PackageNotFoundError:
         maker = "cosim"
-    return environment.get_template("report.html").render(
+    return templates.get_template("report.html").render(
         title=title,
         subtitle=subtitle,
         sections=blocks,
         maker=maker,
         # Chosen here and by plotly: no text of a user comes into the scripts but as JSON.
         plotly=Markup(script.replace("</script", "<\\/script")),
-        code=Markup(environment.loader.get_source(environment, "report.js")[0] if environment.loader else ""),
+        code=Markup(templates.loader.get_source(templates, "report.js")[0] if templates.loader else ""),
         colours=Markup(_json({"light": COLOURS, "dark": DARK_COLOURS})),
         markup=Markup,
     )

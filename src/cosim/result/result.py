@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError, suggest
 from ..record.description import Column
 from ..record.write import RecordWriter
+
+if TYPE_CHECKING:
+    from .picture import Picture
 
 
 @dataclass(frozen=True)
@@ -78,19 +81,46 @@ class Result:
         column = self.column(name)
         return column.display_factor * self[name] + column.display_offset
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self, *, units: bool = False) -> Any:
         """A pandas DataFrame over time; ``attrs`` holds the units and the metadata.
 
+        With ``units`` the columns are named ``plant.position [m]``, as ``cosim.read_record`` reads them from a file.
         pandas is no dependency of this package: raises DescriptionError if it is not installed.
         """
-        try:
-            pandas = import_module("pandas")
-        except ModuleNotFoundError:
-            raise DescriptionError("to_dataframe needs pandas, which is not installed: pip install pandas.") from None
-        frame = pandas.DataFrame(self.rows, index=pandas.Index(self.time, name="time"), columns=list(self.names))
+        pandas = _optional("pandas", "to_dataframe")
+        names = [f"{c.name} [{c.unit}]" if units and c.unit != "1" else c.name for c in self.columns]
+        index = pandas.Index(self.time, name="time [s]" if units else "time")
+        frame = pandas.DataFrame(self.rows, index=index, columns=names)
         frame.attrs["units"] = {column.name: column.unit for column in self.columns}
         frame.attrs["metadata"] = dict(self.metadata)
         return frame
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset over ``time``; each variable has ``units`` and ``long_name``, ``attrs`` the metadata.
+
+        xarray is no dependency of this package: raises DescriptionError if it is not installed.
+        """
+        xarray = _optional("xarray", "to_xarray")
+        variables = {
+            c.name: ("time", self[c.name], {"units": c.unit, "long_name": c.description or c.name})
+            for c in self.columns
+        }
+        time = ("time", self.time, {"units": "s", "long_name": "Time"})
+        return xarray.Dataset(variables, coords={"time": time}, attrs=dict(self.metadata))
+
+    def plot(self, path: str | Path | None = None, *, signals: Sequence[str] | None = None) -> Picture:
+        """A picture of the run: its loops, or the named ``signals``; a notebook shows it, ``path`` writes it.
+
+        Raises DescriptionError for names that were not recorded, FileError if the file cannot be written.
+        """
+        from .picture import plot
+
+        return plot(self, path, signals=signals)
+
+    def _repr_html_(self) -> str:
+        from .notebook import result_html
+
+        return result_html(self)
 
     def save(self, path: str | Path) -> Path:
         """Write ``path`` as .csv (comma, quoted names, time first, shortest digits that read back the same) or .parquet
@@ -112,3 +142,11 @@ class Result:
             "messages": [asdict(message) for message in self.messages],
             "dropped_messages": self.dropped_messages,
         }
+
+
+def _optional(package: str, method: str) -> Any:
+    """A package that may not be there. Raises DescriptionError."""
+    try:
+        return import_module(package)
+    except ModuleNotFoundError:
+        raise DescriptionError(f"{method} needs {package}, which is not installed: pip install {package}.") from None

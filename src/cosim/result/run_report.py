@@ -16,8 +16,8 @@ MAX_MESSAGES, MAX_ELEMENTS = 50, 6
 """Messages of FMUs on the page, and elements of an array in a line: more are rarely read."""
 
 
-def report_run(result: Result, path: Path, *, notes: Sequence[str] = ()) -> Path:
-    """Write the page of a run; ``notes`` stand on it beside those of the system.
+def report_run(result: Result, path: str | Path, *, notes: Sequence[str] = (), also: Sequence[Section] = ()) -> Path:
+    """Write the page of a run; ``notes`` stand on it beside those of the system, ``also`` behind the signals.
 
     Raises DescriptionError for another ending than .html or if plotly is missing, FileError if it cannot be written.
     """
@@ -26,17 +26,18 @@ def report_run(result: Result, path: Path, *, notes: Sequence[str] = ()) -> Path
     return write_report(
         path,
         str(facts.get("description") or system),
-        run_sections(result, notes=notes),
+        run_sections(result, notes=notes, also=also),
         subtitle=system if facts.get("description") else "",
     )
 
 
-def run_sections(result: Result, *, notes: Sequence[str] = ()) -> list[Section]:
+def run_sections(result: Result, *, notes: Sequence[str] = (), also: Sequence[Section] = ()) -> list[Section]:
     """What there is to tell of a run; sections about what it does not know are empty."""
     return [
         Section("Notes", _notes(result, notes)),
         Section("Figures of merit", figure_parts(summary(result))),
         Section("Signals", [Chart(run_panels(result))] if result.time.size > 1 else [Text("Nothing was recorded.")]),
+        *also,
         Section("System", system_parts(result.metadata)),
         Section("Solver", _solver(result)),
         Section("Provenance", provenance(result.metadata)),
@@ -154,7 +155,7 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
             ("Stop time", "stop_time", "s"),
             ("Communication step", "step_size", "s"),
             ("Steps", "steps", ""),
-            ("Recorded: every n-th point, n", "decimation", ""),
+            ("Decimation of the record", "decimation", ""),
             ("Tolerance told to the FMUs", "tolerance", ""),
             ("Stepping took", "stepping_seconds", "s"),
         )

@@ -21,7 +21,7 @@ from ..errors import DescriptionError, suggest
 from ..fmu.tables import read_table
 from . import expression, rules
 from .rules import Criterion, Numbers
-from .study import COPY, Claim, Kind, Measure, Outcomes, Picture, Reading, Run, Status, Study, labelled
+from .study import COPY, Claim, Kind, Measure, Outcomes, OwnOutcomes, Picture, Reading, Run, Status, Study, labelled
 
 FACTORS: Mapping[str, float] = {
     "nm": 1e9,
@@ -148,6 +148,7 @@ def read_study(
     measures: Mapping[str, Measure] | None = None,
     own_rules: Mapping[str, Criterion] | None = None,
     chapters: Mapping[str, Callable[[Outcomes], str]] | None = None,
+    outcomes: OwnOutcomes | None = None,
 ) -> Study:
     """The study with the claims of the file ``path``; its claims name ``measures`` and ``own_rules``.
 
@@ -171,6 +172,7 @@ def read_study(
         pictures=pictures,
         groups={table.title: table.text for table in data.tables},
         chapters=chapters or {},
+        outcomes=outcomes,
         claims_digest=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
 

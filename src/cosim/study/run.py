@@ -154,14 +154,20 @@ def run_study(
     pattern: str = "*",
     jobs: int = 1,
     fmus: Path | None = None,
+    data: Path | None = None,
     progress: Callable[[Outcome], None] = lambda outcome: None,
 ) -> Outcomes:
     """Carry out the runs of the study in ``folder`` whose names match ``pattern``, ``jobs`` at a time.
 
-    The outcomes do not depend on ``jobs``; ``progress`` is told of each as it ends.
+    The outcomes do not depend on ``jobs``; ``progress`` is told of each as it ends. ``data`` is the folder of the files
+    that a study about data of the user reads; without it such a study shows the figures that come with it.
     Raises DescriptionError if no run matches, SimulationError if a run takes its process down.
     """
     study = load_study(folder)
+    if study.outcomes is not None:
+        return study.outcomes(data, fmus, progress, jobs)
+    if data is not None:
+        raise DescriptionError(f"the study {folder.name} reads no data of yours: leave --data out.")
     names = matching_runs(study, pattern)
     done: dict[str, Outcome] = {}
     if jobs <= 1 or len(names) == 1:

@@ -152,6 +152,11 @@ class Outcomes(Mapping[str, Outcome]):
 Measure = Callable[[Outcomes], float | Numbers]
 """Values in the unit of the claim."""
 
+Advance = Callable[[Outcome], None]
+OwnOutcomes = Callable[[Path | None, Path | None, Advance, int], Outcomes]
+"""Outcomes of a study about data of the user: from their folder (None: those that come with the study), the folder of
+FMUs, what is told of each outcome, and how many runs are carried out at a time."""
+
 NO_RULES: Mapping[Status, Criterion] = MappingProxyType({})
 
 
@@ -217,6 +222,8 @@ class Study:
     """Text under the heading of a group of claims."""
     chapters: Mapping[str, Callable[[Outcomes], str]] = field(default_factory=lambda: NONE)
     """More chapters of the report: heading -> Markdown made from the outcomes."""
+    outcomes: OwnOutcomes | None = None
+    """What gives the outcomes instead of the runs: of a study about data that the user has."""
     claims_digest: str = ""
     """SHA-256 of the file of claims, read before the first run."""
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
@@ -13,10 +15,11 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, suggest
 from ..fmu.tables import Number, Positive, Seconds, Table, Text, checked
 from ..fmu.variables import Variable
 from ..record.derive import derivative_name, derivative_unit, differences, smoothed
+from ..record.description import description_path
 from ..record.header import is_unit
 from ..record.read import Record, read_record
 from ..record.resample import Resampler
@@ -59,6 +62,7 @@ class SignalData(Table):
 
     file: Text
     time: Text | None = None
+    time_unit: Text | None = None
     sampling_time: Seconds | None = None
     start_time: Number | None = None
     columns: Mapping[str, ColumnData] | None = None
@@ -73,15 +77,18 @@ class SignalsData(Table):
 
 
 def read_signals(
-    document: Mapping[str, Any], folder: Path, start_time: float, findings: Findings
+    document: Mapping[str, Any], folder: Path, times: tuple[float, float], findings: Findings
 ) -> dict[str, SignalSource]:
-    """The signals of a document; ``folder`` is where paths start, ``start_time`` that of the run in s."""
+    """The signals of a document; ``folder`` is where paths start, ``times`` are start time and step of the run in s."""
     tables = findings.table(document, "signals")
-    data, problems = checked({"signals": _plain(tables)}, SignalsData, findings.name)
-    findings.problems += problems
     result: dict[str, SignalSource] = {}
-    entries: Mapping[str, SignalData] = {} if data is None else data.signals
-    for name, entry in entries.items():
+    for name, plain in _plain(tables).items():
+        # One by one: what is wrong with one keeps no other from being read.
+        data, problems = checked({"signals": {name: plain}}, SignalsData, findings.name)
+        findings.problems += problems
+        if data is None:
+            continue
+        entry = data.signals[name]
         where = f"signals.{name}"
         if not NAME.fullmatch(name):
             findings.problem(where, "the name is made of letters, digits and _, and starts with no digit.")
@@ -89,7 +96,7 @@ def read_signals(
             findings.problem(where, "an instance has this name, too. Rename one.")
         else:
             try:
-                source = _source(name, entry, cast("Mapping[str, Any]", tables[name]), folder, start_time, findings)
+                source = _source(name, entry, cast("Mapping[str, Any]", tables[name]), folder, times, findings)
             except DescriptionError as error:
                 for problem in error.problems:
                     findings.problem(where, problem)
@@ -124,7 +131,7 @@ def _plain_column(value: object) -> object:
 
 
 def _source(  # noqa: PLR0917
-    name: str, entry: SignalData, table: Mapping[str, Any], folder: Path, start_time: float, findings: Findings
+    name: str, entry: SignalData, table: Mapping[str, Any], folder: Path, times: tuple[float, float], findings: Findings
 ) -> SignalSource | None:
     where = f"signals.{name}"
     before = len(findings.problems)
@@ -135,11 +142,12 @@ def _source(  # noqa: PLR0917
     wanted = None if entry.columns is None else tuple(dict.fromkeys(c.column for c in entry.columns.values()))
     path = folder / entry.file
     seconds = None if sampling_time is None else float(sampling_time)
-    record, digest = _read(path, entry.time, seconds, wanted)
+    record, digest = _read(path, entry.time, entry.time_unit, seconds, wanted)
     chosen = entry.columns or {column: ColumnData(column=column) for column in record.columns}
     columns: dict[str, NDArray[np.float64]] = {}
     variables: dict[str, Variable] = {}
     rates: set[str] = set()
+    converted: dict[str, str] = {}
     for key, column in chosen.items():
         place = f"{where}.columns.{key}"
         written = cast("Mapping[str, Any]", table.get("columns", {})).get(key)
@@ -149,6 +157,8 @@ def _source(  # noqa: PLR0917
         if scaled is None:
             continue
         columns[key], unit = scaled
+        if column.factor is None and unit != record.units[column.column] and record.units[column.column]:
+            converted[key] = record.units[column.column]
         text = f"column {column.column} of {entry.file}"
         variables[key] = _variable(key, unit, text)
         for order in range(1, column.derivatives + 1):
@@ -164,10 +174,20 @@ def _source(  # noqa: PLR0917
         return None
     if uneven := record.uneven():
         findings.note(where, uneven)
-    resampler = Resampler(record.time, linear=entry.interpolation == "linear", repeat=entry.extend == "repeat")
-    shift = 0.0 if entry.start_time is None else entry.start_time - start_time
+    linear, repeat = entry.interpolation == "linear", entry.extend == "repeat"
+    resampler = Resampler(record.time, grid=times[1], linear=linear, repeat=repeat)
+    shift = 0.0 if entry.start_time is None else entry.start_time - times[0]
     return SignalSource(
-        name, path, digest, table, variables, columns, rates=frozenset(rates), resampler=resampler, shift=shift
+        name,
+        path,
+        digest,
+        table,
+        variables,
+        columns,
+        rates=frozenset(rates),
+        resampler=resampler,
+        shift=shift,
+        converted=converted,
     )
 
 
@@ -252,27 +272,53 @@ def _variable(name: str, unit: str, text: str) -> Variable:
 
 
 def _read(
-    path: Path, time: str | None, sampling_time: float | None, columns: tuple[str, ...] | None
-) -> tuple[Record, str]:
-    """A record and the SHA-256 of its file; read once in a process, as long as the file is the same."""
-    try:
-        status = os.stat(path)
-    except OSError:
-        read_record(path)  # says what is wrong
-        raise
-    return _kept(path, (status.st_mtime_ns, status.st_size), time, sampling_time, columns)
-
-
-@lru_cache(maxsize=8)
-def _kept(
     path: Path,
-    stamp: tuple[int, int],
     time: str | None,
+    time_unit: str | None,
     sampling_time: float | None,
     columns: tuple[str, ...] | None,
 ) -> tuple[Record, str]:
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return read_record(path, time=time, sampling_time=sampling_time, columns=columns), digest
+    """A record and the SHA-256 of its file; read once in a process, as long as the file is the same."""
+    stamp: list[tuple[int, int]] = []
+    for file in (path, description_path(path)):
+        with contextlib.suppress(OSError):
+            status = os.stat(file)
+            stamp.append((status.st_mtime_ns, status.st_size))
+    return _kept(path, tuple(stamp), time, time_unit, sampling_time, columns)
+
+
+@lru_cache(maxsize=8)
+def _kept(  # noqa: PLR0917
+    path: Path,
+    stamp: tuple[tuple[int, int], ...],
+    time: str | None,
+    time_unit: str | None,
+    sampling_time: float | None,
+    columns: tuple[str, ...] | None,
+) -> tuple[Record, str]:
+    record = read_record(path, time=time, time_unit=time_unit, sampling_time=sampling_time, columns=columns)
+    return record, hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+# ---- what can be changed from run to run ----
+
+_SETTINGS = {"file": "", "time": "", "interpolation": "", "extend": "", "start_time": "s", "sampling_time": "s"}
+"""Keys of an entry that take a value, with the unit of a number; texts have none."""
+
+
+def setting(signal: SignalSource, path: str) -> Variable:
+    """What ``changed`` takes for a signal: ``file``, ``start_time``, ``columns.force.factor`` ...
+
+    Raises DescriptionError for another path.
+    """
+    known = {
+        **_SETTINGS,
+        **{f"columns.{name}.{key}": "1" for name in signal.table.get("columns", ()) for key in ("factor", "offset")},
+    }
+    if path not in known:
+        raise DescriptionError(f"signals.{signal.name}: '{path}' is nothing to set.{suggest(path, known)}")
+    variable = _variable(path, known[path], f"{path} of signal {signal.name}")
+    return replace(variable, causality="parameter", type="Real" if known[path] else "String")
 
 
 # ---- signals and the experiment ----

@@ -13,7 +13,7 @@ A system file is TOML::
 
     [experiment]
     start_time = 0.0
-    stop_time = 10.0
+    stop_time = 10.0                           # may be left out where a record ends the run
     step_size = 1e-4                           # or a fraction: "1/30"
     order = ["source", "controller", "plant"]  # or "sequential" (default: derived), or "parallel"
     tolerance = 1e-6                           # optional, told to every FMU instead of its own
@@ -26,6 +26,36 @@ A system file is TOML::
     [record]
     variables = ["plant.position", "controller.*"]   # default: all outputs of all instances
     decimation = 1
+
+A record of a machine, or of another run, feeds inputs as an FMU does: ``"log.position -> controller.position_ref"``::
+
+    [signals.log]
+    file = "stage.csv"                         # .csv (.txt, .tsv, .dat), .parquet, .mat; relative to this file
+    time = "t"                                 # default: the column called time or t; or sampling_time = 1e-3
+    time_unit = "ms"                           # default: what the file says, s if it does not
+    start_time = 12.5                          # time of the record at the start of the run; default: the same clock
+    interpolation = "hold"                     # or "linear"
+    extend = "hold"                            # beyond its ends; or "repeat", or "stop": the run ends with the record
+
+    [signals.log.columns]                      # default: all columns by their names
+    position = "x"
+    force = { column = "current", factor = 2.1, offset = 0.0, unit = "N" }   # unit: that behind factor and offset
+    reference = { column = "r", unit = "m", derivatives = 2, smoothing = { window = 0.01, polynomial = 3 } }
+
+A record acts in samples: an input gets the value at t_k, held or interpolated, over the step that begins there.
+``derivatives`` are ``log.der(reference)`` and ``log.der(reference,2)``; ``smoothing`` must be said: ``"none"`` takes
+central differences, a table fits a polynomial to the samples in ``window`` seconds (Savitzky and Golay 1964). The
+values themselves are not smoothed. Where a record holds its first or last sample its derivatives are 0. A record that
+repeats itself goes from its last sample to its first in one usual step. Recorded names are ``log.position``.
+
+Several sources of one input make a sum, and an input may get noise::
+
+    { from = ["motor.torque", "log.force"], to = "plant.command", factors = [1.0, -1.0], offset = 0.0 }
+    { from = "plant.position", to = "controller.position", noise = { rms = 2e-9, seed = 1 } }
+
+``units`` and ``offset`` are as in other connections, factors of 1 and -1 convert nothing. Noise is normal and white,
+``rms`` in the unit of the input, with a new value each communication step: the same for the same ``seed``, however
+the run is made. Signals are changed as start values are: ``--set log.file=other.csv``.
 
 Everything that can be wrong is found here, before any FMU is started, and reported at once. Times and step sizes
 stay decimals, so that ``0.1`` divides ``1.0``.

@@ -1,0 +1,93 @@
+"""``cosim fit``: parameters of a system from records of the real machine."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .console import Bar, common_arguments, print_note, show
+
+if TYPE_CHECKING:
+    from ..design.fit import Fitted
+
+
+def add(commands: Any) -> None:
+    """Add ``fit``."""
+    fit = commands.add_parser(
+        "fit",
+        help="fit parameters of a system to records of the real machine",
+        description="Fit start values of a system, and delay, gain and bias of its sensors, to records; say how well "
+        "the records tell them, and how the system then agrees with records that were not fitted.",
+        epilog="Example: cosim fit docs/examples/your_machine/fit_stage.toml --output results/stage",
+    )
+    fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
+    fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
+    fit.add_argument("--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and residuals.csv")
+    fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
+    fit.add_argument("--base", metavar="NAME", help="the file that start.toml completes (default: none)")
+    fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    common_arguments(fit, _fit)
+
+
+def _fit(options: argparse.Namespace) -> int:
+    from ..design import fit
+    from ..files import check_writable
+    from ..result.report import check_report
+
+    if options.report is not None:
+        check_report(options.report)
+    if options.output is not None:
+        check_writable(options.output / "start.toml")
+    problem = fit.read_fit(options.file, fmus=options.fmus)
+    for note in problem.notes:
+        print_note(f"note: {note}")
+    with Bar("Runs") as bar:
+
+        def advance(loops: int, cost: float) -> None:
+            bar.update(loops, None, f"rms {cost**0.5:.4g} x noise" if cost < 1e300 else "")
+
+        look = fit.sensitivities if options.dry_run else fit.fit
+        fitted = look(problem, workers=options.workers, progress=advance)
+    written = [] if options.output is None else fit.write_fit(fitted, options.output, base=options.base)
+    if options.report is not None:
+        from ..design.fit_report import write_page
+
+        written.append(write_page(fitted, options.report))
+    _show(options, fitted)
+    for path in written:
+        print_note(f"Written: {path}")
+    return 0
+
+
+def _show(options: argparse.Namespace, fitted: Fitted) -> None:
+    from ..design.fit import summary
+
+    if options.json:
+        show(options, summary(fitted), [], "")
+        return
+    title = f"{options.file}: {'nothing fitted' if options.dry_run else fitted.message}"
+    title += f"; {fitted.loops} runs of a record in {fitted.seconds:.3g} s"
+    rows: list[tuple[str, ...]] = [("", "Start" if options.dry_run else "Value", "+- 95 %", "Unit")]
+    for e in fitted.estimates:
+        half = f"{0.5 * (e.high - e.low):.2g}" if e.told else "not told"
+        rows.append((e.name + (" (at its bound)" if e.at_bound else ""), f"{e.value:.7g}", half, e.unit))
+    show(options, {}, rows, title)
+    outputs = list(fitted.fit.outputs)
+    rows = [("1 % more of", *(f"{o.name} / {o.unit} rms" for o in outputs))]
+    rows += [(e.name, *(f"{e.effects[o.name]:.3g}" for o in outputs)) for e in fitted.estimates]
+    rows.append(("(noise)", *(f"{o.noise:.3g}" for o in outputs)))
+    if options.dry_run:
+        show(options, {}, rows, "Change of the outputs")
+    _show_comparisons(options, fitted)
+    for sentence in fitted.findings:
+        print_note(f"note: {sentence}")
+
+
+def _show_comparisons(options: argparse.Namespace, fitted: Fitted) -> None:
+    rows: list[tuple[str, ...]] = [("Record", "rms", "largest", "Unit", "rms / %", "fit / %", "lap to lap")]
+    for c in fitted.comparisons:
+        laps = f"{c.repeatability:.3g}" if c.repeatability == c.repeatability else "-"
+        name = f"{c.record} {c.output}{' (not fitted)' if c.validates else ''}"
+        rows.append((name, f"{c.rms:.4g}", f"{c.largest:.3g}", c.unit, f"{c.relative:.3g}", f"{c.fit:.4g}", laps))
+    show(options, {}, rows, "Record less system")

@@ -1,0 +1,137 @@
+"""The page of a fit: values, what the records do not tell, records against the system, residuals and their spectrum."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from ..result.plots import Panel, Series
+from ..result.report import Cell, Chart, Notes, Section, Table, Text, write_report
+from .fit import Comparison, Fitted
+from .fit_statistics import spectrum
+
+
+def write_page(fitted: Fitted, path: Path) -> Path:
+    """Write the page of a fit (.html; extra ``report``). Raises DescriptionError, FileError."""
+    title = fitted.fit.description or fitted.fit.name
+    subtitle = (
+        f"{fitted.message}; {fitted.loops} runs of a record in {fitted.seconds:.3g} s with {fitted.workers} processes"
+    )
+    return write_report(path, title, sections(fitted), subtitle=subtitle)
+
+
+def sections(fitted: Fitted) -> list[Section]:
+    """What the page holds."""
+    return [
+        Section("Values", [_values(fitted), Notes(fitted.findings)] if fitted.findings else [_values(fitted)]),
+        Section("Records against the system", [_agreement(fitted), *_charts(fitted)]),
+        Section("Residuals", [*_residuals(fitted)]),
+        Section("Correlation", [_correlation(fitted)]),
+        Section("Sensitivity", [_effects(fitted)]),
+        Section("Where it comes from", [_provenance(fitted)]),
+    ]
+
+
+def _values(fitted: Fitted) -> Table:
+    rows: list[list[Cell]] = []
+    for e in fitted.estimates:
+        ends: list[Cell] = [e.low, e.high] if e.told else ["not told", ""]
+        rows.append([e.name, e.start, e.value, *ends, e.unit, "at its bound" if e.at_bound else ""])
+    return Table(rows, ("", "Start", "Value", "95 % from", "to", "Unit", ""))
+
+
+def _agreement(fitted: Fitted) -> Table:
+    rows: list[list[Cell]] = [
+        [
+            f"{c.record} {c.output}",
+            "not fitted" if c.validates else "fitted",
+            c.rms,
+            c.largest,
+            c.unit,
+            c.relative,
+            c.fit,
+            "" if math.isnan(c.repeatability) else c.repeatability,
+        ]
+        for c in fitted.comparisons
+    ]
+    headings = ("Record", "", "rms", "Largest", "Unit", "rms / %", "Fit / %", "Lap to lap, rms")
+    return Table(rows, headings, "Record less system. A record that was not fitted is the one to trust.")
+
+
+def _charts(fitted: Fitted) -> list[Chart]:
+    found: list[Chart] = []
+    for record in dict.fromkeys(c.record for c in fitted.comparisons):
+        panels: list[Panel] = []
+        for c in _of(fitted, record):
+            lines = Series("record", c.time, c.measured, 0), Series("system", c.time, c.expected, 1, dashed=True)
+            off = Series("record less system", c.time, c.measured - c.expected, 2)
+            panels += [Panel(c.output, c.unit, lines), Panel(f"{c.output}, difference", c.unit, (off,))]
+        found.append(Chart(panels, f"Record {record}."))
+    return found
+
+
+def _residuals(fitted: Fitted) -> list[Text | Chart]:
+    parts: list[Text | Chart] = []
+    for record in dict.fromkeys(c.record for c in fitted.comparisons):
+        panels: list[Panel] = []
+        for c in _of(fitted, record):
+            frequency, density = spectrum(c.time, c.measured - c.expected)
+            noise = next(output.noise for output in fitted.fit.outputs if output.name == c.output)
+            # White noise of this deviation has this density up to half of the sampling frequency.
+            level = noise / math.sqrt(float(frequency[-1]))
+            lines = (
+                Series("difference", frequency[1:], density[1:], 2),
+                Series("noise", frequency[1:], 0.0 * density[1:] + level, 7, dashed=True),
+            )
+            panels.append(Panel(c.output, f"{c.unit}/Hz0.5", lines, log=True))
+        parts.append(Chart(panels, f"Record {record}: density of the difference.", "Frequency", "Hz", log_x=True))
+        said = [
+            f"{c.output}: {', '.join(f'{100.0 * p.share:.2g} % near {p.frequency:.3g} Hz' for p in c.peaks)}"
+            for c in _of(fitted, record)
+        ]
+        parts.append(Text(f"Where the power of the difference lies in {record}: {'; '.join(said)}."))
+    return parts
+
+
+def _correlation(fitted: Fitted) -> Table:
+    names = [e.name for e in fitted.estimates]
+    rows: list[list[Cell]] = [
+        [name, *(float(round(fitted.correlation[i, j], 3)) if j <= i else "" for j in range(len(names)))]
+        for i, name in enumerate(names)
+    ]
+    return Table(rows, ("", *names))
+
+
+def _effects(fitted: Fitted) -> Table:
+    outputs = fitted.fit.outputs
+    rows: list[list[Cell]] = [[e.name, *(e.effects[o.name] for o in outputs)] for e in fitted.estimates]
+    rows.append(["(noise)", *(o.noise for o in outputs)])
+    headings = ("", *(f"{o.name} / {o.unit} rms" for o in outputs))
+    return Table(rows, headings, "Change of the outputs for 1 % more of each value.")
+
+
+def _provenance(fitted: Fitted) -> Table:
+    rows: list[tuple[str, str]] = [("Fit", fitted.fit.name), ("System", fitted.fit.system)]
+    for record in fitted.fit.records:
+        used = "not fitted" if record.validates else "fitted"
+        first, last = record.time[record.part][[0, -1]]
+        rows.append((f"Record {record.name}", f"{record.path.name}, {used}, {first:g} s to {last:g} s"))
+    rows += [
+        (f"Noise of {o.name}", f"{o.noise:.4g} {o.unit}{'' if o.noise_given else ', from the record'}")
+        for o in fitted.fit.outputs
+    ]
+    rows += [("Loss", fitted.fit.loss), ("Ends of the starts, rms over noise", _costs(fitted))]
+    rows.append(("Share of the time in runs", f"{100.0 * _share(fitted):.3g} %"))
+    return Table(rows)
+
+
+def _costs(fitted: Fitted) -> str:
+    return ", ".join(f"{math.sqrt(cost):.4g}" for cost in fitted.costs) or "not fitted"
+
+
+def _share(fitted: Fitted) -> float:
+    return fitted.run_seconds / (fitted.workers * fitted.seconds)
+
+
+def _of(fitted: Fitted, record: str) -> list[Comparison]:
+    return [c for c in fitted.comparisons if c.record == record]

@@ -1,0 +1,47 @@
+"""How a notebook shows a result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from ..record.description import Column
+from .report import environment
+from .summary import Recorded, summary
+
+MOST_SIGNALS = 20
+"""Signals that are listed."""
+
+
+class Shown(Recorded, Protocol):
+    """What is needed of a result."""
+
+    @property
+    def columns(self) -> Sequence[Column]: ...
+    @property
+    def partial(self) -> bool: ...
+
+
+def result_html(result: Shown) -> str:
+    """Figures of merit and the signals with unit and range."""
+    facts = result.metadata
+    signals: list[dict[str, Any]] = []
+    for column in result.columns[:MOST_SIGNALS]:
+        values = result[column.name]
+        ends = (float(values.min()), float(values.max()), float(values[-1])) if values.size else (math.nan,) * 3
+        named = {"name": column.name, "unit": column.unit, "description": column.description}
+        signals.append({**named, "low": ends[0], "high": ends[1], "end": ends[2]})
+    return (
+        environment()
+        .get_template("result.html")
+        .render(
+            title=str(facts.get("description") or facts.get("system", "Result")),
+            partial=result.partial,
+            rows=result.time.size,
+            span=f"{result.time[0]:.6g} s to {result.time[-1]:.6g} s" if result.time.size else "",
+            figures=summary(result),
+            signals=signals,
+            more=max(0, len(result.columns) - MOST_SIGNALS),
+        )
+    )
