@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -74,11 +73,6 @@ def drift_rule(drift_amplitude: float, drift_frequency: float) -> Rule:
         either(drift_amplitude <= 0.0, drift_frequency > 0.0),
         "drift_amplitude needs a drift_frequency. Set it above 0.",
     )
-
-
-def harmonics(angle: float, amplitude: Sequence[float], order: Sequence[float], phase: Sequence[float]) -> float:
-    """Sum of amplitude[i]*sin(order[i]*angle + phase[i]), angles in rad, in the unit of the amplitudes."""
-    return sum((a * sin(n * angle + p) for a, n, p in zip(amplitude, order, phase, strict=True)), 0.0)
 
 
 class RigidBallscrew(Plant):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from cosim.model import Rule, clip, cos, parameter, round_to, variable, where
-from fmus.physics.ballscrew import TWO_PI, BristleBallscrew, harmonics
+from cosim.model import Rule, cos, parameter, round_to, variable
+from fmus.physics.ballscrew import TWO_PI, BristleBallscrew
+from fmus.physics.drive import RotaryDrive, behind_lag, harmonics, lag_rate, within_voltage
 
 
-class BallscrewAxis(BristleBallscrew):
+class BallscrewAxis(RotaryDrive, BristleBallscrew):
     """Stage on a rigid ballscrew as BallscrewStage, with drive, ripple, lead error and encoder of a measured axis.
 
         der(angle)   = speed
@@ -40,11 +41,6 @@ class BallscrewAxis(BristleBallscrew):
     errors of lead and encoder are elementary: first-order lag, Ohm's law, Fourier series.
     """
 
-    drive_lag: float = parameter(
-        0.0, "s", "Time constant of the current loop (0 = none)", min=0.0, nominal=1e-3, display_unit="ms"
-    )
-    voltage_max: float = parameter(0.0, "V", "Largest voltage of the drive (0 = no limit)", min=0.0, nominal=100.0)
-    R: float = parameter(1.0, "Ohm", "Resistance of the motor, for the voltage limit", min=1e-9)
     K_m: float = parameter(0.5, "N.m/A", "Torque and back-EMF constant, for the voltage limit", min=1e-9)
     friction_ripple: tuple[float, float] = parameter(
         (0.0, 0.0), "1", "Part by which the friction level changes over the angle (0 = off)", min=0.0, max=0.99
@@ -52,13 +48,6 @@ class BallscrewAxis(BristleBallscrew):
     friction_order: tuple[float, float] = parameter((1.0, 2.0), "1", "Periods of friction_ripple in a turn", min=0.0)
     friction_phase: tuple[float, float] = parameter(
         (0.0, 0.0), "rad", "Phase of friction_ripple at angle 0", display_unit="deg"
-    )
-    torque_ripple: tuple[float, float] = parameter(
-        (0.0, 0.0), "N.m", "Amplitude of the torque that the motor adds over the angle (0 = off)", min=0.0
-    )
-    torque_order: tuple[float, float] = parameter((1.0, 2.0), "1", "Periods of torque_ripple in a turn", min=0.0)
-    torque_phase: tuple[float, float] = parameter(
-        (0.0, 0.0), "rad", "Phase of torque_ripple at angle 0", display_unit="deg"
     )
     lead_error: float = parameter(
         0.0, "1", "Part by which the lead is too long (0 = off)", min=-0.1, max=0.1, nominal=1e-5
@@ -124,11 +113,8 @@ class BallscrewAxis(BristleBallscrew):
 
     def drive_torque(self, x: State, u: BristleBallscrew.Input) -> float:
         """Torque of the drive within the limit of its voltage [N.m]."""
-        torque = where(self.drive_lag > 0.0, x.drive, self.drive(u))
-        per_volt = self.K_m / self.R
-        back = self.K_m * x.speed
-        low, high = per_volt * (-self.voltage_max - back), per_volt * (self.voltage_max - back)
-        return where(self.voltage_max > 0.0, clip(torque, low, high), torque)
+        torque = behind_lag(self.drive(u), x.drive, self.drive_lag)
+        return within_voltage(torque, self.K_m / self.R, self.K_m * x.speed, self.voltage_max)
 
     def rate_and_torque(self, t: float, x: State) -> tuple[float, float]:
         """Rate of the bristle and friction torque."""
@@ -136,14 +122,12 @@ class BallscrewAxis(BristleBallscrew):
 
     def derivative(self, t: float, x: State, u: BristleBallscrew.Input) -> State:
         rate, torque = self.rate_and_torque(t, x)
-        ripple = harmonics(x.angle, self.torque_ripple, self.torque_order, self.torque_phase)
-        lag = where(self.drive_lag > 0.0, self.drive_lag, 1.0)
         return self.State(
             angle=x.speed,
-            speed=self.acceleration(u, self.drive_torque(x, u) + ripple, torque),
+            speed=self.acceleration(u, self.drive_torque(x, u) + self.ripple(x.angle), torque),
             bristle=rate,
             table=0.0,
-            drive=where(self.drive_lag > 0.0, (self.drive(u) - x.drive) / lag, 0.0),
+            drive=lag_rate(self.drive(u), x.drive, self.drive_lag),
         )
 
     def output(self, t: float, x: State, u: BristleBallscrew.Input) -> Output:

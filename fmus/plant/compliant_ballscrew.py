@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from cosim.model import (
     Experiment,
@@ -60,7 +60,7 @@ class CompliantBallscrew(Plant):
 
     The state holds d instead of the angle: forces between the inertias then do not lose digits far from the origin.
     Resolutions round the measured positions only. Valid for motion without end stops and for a current loop much
-    faster than the nut mode; back-EMF and voltage limit are left out.
+    faster than the nut mode; CompliantBallscrewAxis has a drive with lag, voltage limit and ripple.
 
     Valid limits of LuGre friction: passive for sure only where sigma_1*abs(speed) < 4*level, which with constant
     sigma_1 and the start values ends at 2.6 rad/s = 0.81 mm/s; v_d = 1 rad/s cures it. Under a load that oscillates
@@ -268,6 +268,14 @@ class CompliantBallscrew(Plant):
         )
         return rate, torque, guide_rate, force
 
+    def motor_current(self, x: Any, u: Input) -> float:
+        """Current of the motor [A]; that of a drive without lag and voltage limit unless overridden."""
+        return saturate(u.command, self.command_max)
+
+    def motor_torque(self, x: Any, u: Input) -> float:
+        """Torque of the motor [N.m]; without ripple unless overridden."""
+        return self.K_m * self.motor_current(x, u)
+
     def _nut_force(self, x: State) -> float:
         rate = self.l_p * x.speed - x.velocity
         if not self.backlash:
@@ -276,10 +284,10 @@ class CompliantBallscrew(Plant):
         pull = minimum(0.0, self.K_n * (x.deflection + self.gap_minus) + self.C_n * rate)
         return where(x.deflection > self.gap_plus, push, where(x.deflection < -self.gap_minus, pull, 0.0))
 
-    def derivative(self, t: float, x: State, u: Input) -> State:
+    def derivative(self, t: float, x: Any, u: Input) -> Any:
         rate, torque, guide_rate, force = self._frictions(t, x)
         nut_force = self._nut_force(x)
-        drive = self.K_m * saturate(u.command, self.command_max)
+        drive = self.motor_torque(x, u)
         return self.State(
             position=x.velocity,
             velocity=(nut_force - force - u.load_force) / self.m,
@@ -309,5 +317,5 @@ class CompliantBallscrew(Plant):
             nut_force=self._nut_force(x),
             friction_torque=torque,
             guide_force=force,
-            current=saturate(u.command, self.command_max),
+            current=self.motor_current(x, u),
         )

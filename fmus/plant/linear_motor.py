@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from cosim.model import Experiment, Plant, Record, Rule, parameter, round_to, variable
 from fmus.physics.milling import PI, Side, milling_forces
@@ -20,10 +20,10 @@ class LinearMotor(Plant):
 
     Positive command, cutting force and disturbance push towards positive position. The axis is the feed direction x
     of the cut: with ``side`` tool it carries the spindle, with table the work. Cutting is off while ``feed_per_tooth``
-    is 0. Rigid tool and axis: position does not change the chip. The amplifier has no lag and the guides no dry
-    friction. Positions are of the order of 1 um, and the integrator's tolerance counts from there. With ploughing
-    (h_min > 0) the force jumps where teeth enter and leave: at 10 kHz and the default tolerance the position is then
-    right to some 0.3 nm, in ten integration steps a sample, instead of 2 pm in three.
+    is 0. Rigid tool and axis: position does not change the chip. The amplifier has no lag (LinearMotorAxis has one, and
+    cogging) and the guides no dry friction. Positions are of the order of 1 um, and the integrator's tolerance counts
+    from there. With ploughing (h_min > 0) the force jumps where teeth enter and leave: at 10 kHz and the default
+    tolerance the position is then right to some 0.3 nm, in ten integration steps a sample, instead of 2 pm in three.
 
     Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
     machining, 2015, plant equation and section on simulations (there k_t and K_a carry these units); cutting data are
@@ -87,23 +87,32 @@ class LinearMotor(Plant):
     def initial(self) -> State:
         return self.State(position=self.position_start, velocity=self.velocity_start)
 
-    def derivative(self, t: float, x: State, u: Input) -> State:
-        force = self.K_a * self._current(u) + self._cutting_force(t) + u.disturbance_force
+    def derivative(self, t: float, x: Any, u: Input) -> Any:
+        force = self.motor_force(x, u) + self.cutting_force(t) + u.disturbance_force
         return self.State(position=x.velocity, velocity=(force - self.b * x.velocity) / self.m)
 
     def output(self, t: float, x: State, u: Input) -> Output:
-        current = self._current(u)
         return self.Output(
             position=round_to(x.position, self.position_resolution),
             velocity=x.velocity,
-            current=current,
-            motor_force=self.K_a * current,
-            cutting_force=self._cutting_force(t),
+            current=self.motor_current(x, u),
+            motor_force=self.motor_force(x, u),
+            cutting_force=self.cutting_force(t),
         )
 
-    def _current(self, u: Input) -> float:
+    def target(self, u: Input) -> float:
+        """Current that the amplifier is to give [A]."""
         return saturate(self.k_t * u.command, self.force_max / self.K_a)
 
-    def _cutting_force(self, t: float) -> float:
+    def motor_current(self, x: Any, u: Input) -> float:
+        """Current of the motor [A]; that of an amplifier without lag unless overridden."""
+        return self.target(u)
+
+    def motor_force(self, x: Any, u: Input) -> float:
+        """Force of the motor [N]; without ripple unless overridden."""
+        return self.K_a * self.motor_current(x, u)
+
+    def cutting_force(self, t: float) -> float:
+        """Cutting force along the axis [N]."""
         force = milling_forces(self, t - self.start_time).x
         return force if self.side is Side.tool else -force

@@ -8,6 +8,8 @@ a discontinuity, where the last bit would decide.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
 from cosim.model import exp, sin, where
 from cosim.reference.exact import Validation
@@ -86,6 +88,119 @@ NCTF = {name: signal for name, signal in tracking(1e-3, 1.0, 0.1e-3, 5.6).items(
 """Errors around the linear part of the NCT."""
 
 MOVES = {"out_and_back": True, "dwell": 0.05}
+
+
+COMPLIANT = (
+    Validation(
+        name="reversals",
+        description="Presliding, break-away and reversals with drifting Stribeck friction, a load on the table",
+        step_size=STEP,
+        steps=128,
+        shown=("position", "velocity", "nut_force"),
+        parameters={
+            "m": 5.0,
+            "F_S": 0.06,
+            "v_s": 0.5,
+            "F_C_negative": 0.9,
+            "sigma_2_negative": 1.5,
+            "drift_amplitude": 0.2,
+            "drift_frequency": 7.0,
+            "position_start": 5e-4,
+        },
+        stimuli={
+            "command": total(before(2.0**-3, sine(0.2, 16.0)), after(2.0**-3, sine(1.0, 16.0))),
+            "load_force": after(0.18, constant(20.0)),
+        },
+    ),
+    Validation(
+        name="backlash",
+        description="Started at speed, impacts in the dead band of the nut, friction of guide and motor, a limit",
+        step_size=STEP,
+        steps=100,
+        shown=("velocity", "nut_force", "guide_force"),
+        parameters={
+            "backlash": True,
+            "gap_plus": 4e-6,
+            "gap_minus": 3e-6,
+            "motor_friction": True,
+            "T_cm": 0.02,
+            "guide_friction": True,
+            "guide_sigma_0": 2e6,
+            "guide_sigma_1": 1e3,
+            "guide_sigma_2": 50.0,
+            "guide_F_C": 15.0,
+            "guide_F_S": 20.0,
+            "command_max": 1.5,
+            "motor_resolution": 1e-7,
+            "position_resolution": 2e-8,
+            "velocity_start": 1e-3,
+        },
+        stimuli={"command": sine(2.0, 12.5, 1.57), "load_torque": after(0.12, constant(0.01))},
+    ),
+    Validation(
+        name="falling damping",
+        description="Break-away and reversals, the damping of the bristles at screw and guide falls with speed",
+        step_size=STEP,
+        steps=96,
+        shown=("position", "friction_torque", "guide_force"),
+        parameters={
+            "v_s": 2.0,
+            "v_d": 3.0,
+            "guide_friction": True,
+            "guide_sigma_0": 2e6,
+            "guide_sigma_1": 3e3,
+            "guide_v_d": 1e-3,
+            "guide_F_C": 15.0,
+            "guide_F_S": 20.0,
+        },
+        stimuli={"command": total(before(2.0**-4, sine(0.3, 16.0)), after(2.0**-4, sine(0.9, 11.3)))},
+    ),
+)
+LINEAR = (
+    Validation(
+        name="cutting",
+        description="Cutting with run-out from 30 ms on, motor force in and out of its limit",
+        step_size=STEP,
+        steps=128,
+        shown=("position", "motor_force", "cutting_force"),
+        parameters={
+            "m": 8.0,
+            "feed_per_tooth": 1e-6,
+            "spindle_speed": 12.0,
+            "start_time": 0.03,
+            "force_max": 0.3,
+            "position_start": 1e-7,
+        },
+        stimuli={"command": sine(0.004, 6.25)},
+    ),
+    Validation(
+        name="ploughing",
+        description="The work on the axis, cutting and ploughing in part of a turn, position measured with 1 nm",
+        step_size=STEP,
+        steps=100,
+        shown=("position", "velocity", "cutting_force"),
+        parameters={
+            "side": Side.table,
+            "feed_per_tooth": 0.8e-6,
+            "h_min": 0.5e-6,
+            "spindle_speed": 14.0,
+            "entry_angle": 0.4,
+            "exit_angle": 2.6,
+            "velocity_start": 1e-5,
+            "position_resolution": 1e-9,
+        },
+        stimuli={"disturbance_force": after(0.08, constant(-0.1))},
+    ),
+)
+
+
+def driven(validation: Validation, drive: str, **parameters: Any) -> Validation:
+    """An experiment of a plant for the same plant with a drive of its own; ``drive`` says what that does."""
+    return replace(
+        validation,
+        description=f"{validation.description}; {drive}",
+        parameters={**validation.parameters, **parameters},
+    )
 
 
 EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
@@ -251,107 +366,30 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
             stimuli={"command": sine(17.0, 10.6, 1.0)},
         ),
     ),
-    "CompliantBallscrew": (
-        Validation(
-            name="reversals",
-            description="Presliding, break-away and reversals with drifting Stribeck friction, a load on the table",
-            step_size=STEP,
-            steps=128,
-            shown=("position", "velocity", "nut_force"),
-            parameters={
-                "m": 5.0,
-                "F_S": 0.06,
-                "v_s": 0.5,
-                "F_C_negative": 0.9,
-                "sigma_2_negative": 1.5,
-                "drift_amplitude": 0.2,
-                "drift_frequency": 7.0,
-                "position_start": 5e-4,
-            },
-            stimuli={
-                "command": total(before(2.0**-3, sine(0.2, 16.0)), after(2.0**-3, sine(1.0, 16.0))),
-                "load_force": after(0.18, constant(20.0)),
-            },
+    "CompliantBallscrew": COMPLIANT,
+    "CompliantBallscrewAxis": (
+        driven(
+            COMPLIANT[0],
+            "a drive with lag and ripple",
+            drive_lag=4e-3,
+            torque_ripple=(4e-3, 2e-3),
+            torque_order=(7.0, 12.0),
+            torque_phase=(0.5, -0.8),
         ),
-        Validation(
-            name="backlash",
-            description="Started at speed, impacts in the dead band of the nut, friction of guide and motor, a limit",
-            step_size=STEP,
-            steps=100,
-            shown=("velocity", "nut_force", "guide_force"),
-            parameters={
-                "backlash": True,
-                "gap_plus": 4e-6,
-                "gap_minus": 3e-6,
-                "motor_friction": True,
-                "T_cm": 0.02,
-                "guide_friction": True,
-                "guide_sigma_0": 2e6,
-                "guide_sigma_1": 1e3,
-                "guide_sigma_2": 50.0,
-                "guide_F_C": 15.0,
-                "guide_F_S": 20.0,
-                "command_max": 1.5,
-                "motor_resolution": 1e-7,
-                "position_resolution": 2e-8,
-                "velocity_start": 1e-3,
-            },
-            stimuli={"command": sine(2.0, 12.5, 1.57), "load_torque": after(0.12, constant(0.01))},
-        ),
-        Validation(
-            name="falling damping",
-            description="Break-away and reversals, the damping of the bristles at screw and guide falls with speed",
-            step_size=STEP,
-            steps=96,
-            shown=("position", "friction_torque", "guide_force"),
-            parameters={
-                "v_s": 2.0,
-                "v_d": 3.0,
-                "guide_friction": True,
-                "guide_sigma_0": 2e6,
-                "guide_sigma_1": 3e3,
-                "guide_v_d": 1e-3,
-                "guide_F_C": 15.0,
-                "guide_F_S": 20.0,
-            },
-            stimuli={"command": total(before(2.0**-4, sine(0.3, 16.0)), after(2.0**-4, sine(0.9, 11.3)))},
-        ),
+        driven(COMPLIANT[1], "a drive in and out of its voltage limit", voltage_max=2.5, R=1.2),
+        driven(COMPLIANT[2], "a drive with lag and voltage limit", drive_lag=2e-3, voltage_max=3.0),
     ),
-    "LinearMotor": (
-        Validation(
-            name="cutting",
-            description="Cutting with run-out from 30 ms on, motor force in and out of its limit",
-            step_size=STEP,
-            steps=128,
-            shown=("position", "motor_force", "cutting_force"),
-            parameters={
-                "m": 8.0,
-                "feed_per_tooth": 1e-6,
-                "spindle_speed": 12.0,
-                "start_time": 0.03,
-                "force_max": 0.3,
-                "position_start": 1e-7,
-            },
-            stimuli={"command": sine(0.004, 6.25)},
+    "LinearMotor": LINEAR,
+    "LinearMotorAxis": (
+        driven(
+            LINEAR[0],
+            "an amplifier with lag, cogging",
+            drive_lag=4e-3,
+            magnet_pitch=2e-5,
+            force_ripple=(0.05, 0.02),
+            force_phase=(0.4, -1.1),
         ),
-        Validation(
-            name="ploughing",
-            description="The work on the axis, cutting and ploughing in part of a turn, position measured with 1 nm",
-            step_size=STEP,
-            steps=100,
-            shown=("position", "velocity", "cutting_force"),
-            parameters={
-                "side": Side.table,
-                "feed_per_tooth": 0.8e-6,
-                "h_min": 0.5e-6,
-                "spindle_speed": 14.0,
-                "entry_angle": 0.4,
-                "exit_angle": 2.6,
-                "velocity_start": 1e-5,
-                "position_resolution": 1e-9,
-            },
-            stimuli={"disturbance_force": after(0.08, constant(-0.1))},
-        ),
+        driven(LINEAR[1], "cogging", magnet_pitch=1e-5, force_ripple=(0.03, 0.01)),
     ),
     "NominalStage": (
         Validation(

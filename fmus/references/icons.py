@@ -143,13 +143,18 @@ def ballscrew_stage_maxwell_slip(axes: Axes) -> None:
         line(axes, [x for x, _ in path], [y for _, y in path], ORANGE, 4.0)
 
 
+def ripple(axes: Axes) -> None:
+    """Two harmonics over the travel."""
+    x = np.linspace(12.0, 90.0, 120)
+    line(axes, x, 90 + 4 * np.sin(0.5 * x) + 1.5 * np.sin(1.0 * x), ORANGE, 2.5)
+
+
 def ballscrew_axis(axes: Axes) -> None:
     """The stage with a ripple over its travel and an encoder scale."""
     ballscrew_stage(axes)
     for x in np.arange(10.0, 92.0, 5.0):
         line(axes, (x, x), (6, 10), STEEL, 1.8)
-    x = np.linspace(12.0, 90.0, 120)
-    line(axes, x, 90 + 4 * np.sin(0.5 * x) + 1.5 * np.sin(1.0 * x), ORANGE, 2.5)
+    ripple(axes)
 
 
 def compliant_ballscrew(axes: Axes) -> None:
@@ -174,6 +179,18 @@ def linear_motor(axes: Axes) -> None:
         disc(axes, x, 49, 5.5, WHITE)
         disc(axes, x, 49, 1.2, DARK)
     arrow(axes, (28, 78), (76, 78))
+
+
+def compliant_ballscrew_axis(axes: Axes) -> None:
+    """Two inertias with a spring, and a ripple over the travel."""
+    compliant_ballscrew(axes)
+    ripple(axes)
+
+
+def linear_motor_axis(axes: Axes) -> None:
+    """The linear motor with a ripple over its travel."""
+    linear_motor(axes)
+    ripple(axes)
 
 
 def nominal_stage(axes: Axes) -> None:
@@ -371,7 +388,9 @@ ICONS: dict[str, Callable[[Axes], None]] = {
     "BallscrewStageMaxwellSlip": ballscrew_stage_maxwell_slip,
     "BallscrewAxis": ballscrew_axis,
     "CompliantBallscrew": compliant_ballscrew,
+    "CompliantBallscrewAxis": compliant_ballscrew_axis,
     "LinearMotor": linear_motor,
+    "LinearMotorAxis": linear_motor_axis,
     "NominalStage": nominal_stage,
     "SlidingMode": sliding_mode,
     "ComplementarySlidingMode": complementary_sliding_mode,

@@ -153,6 +153,12 @@ def test_delay_is_estimated_said_and_taken_out(logs: Path, cosim: Call) -> None:
     assert "b.csv is moved back by 0.0123" in out
 
 
+def test_a_window_that_ends_before_it_begins(logs: Path, cosim: Call) -> None:
+    code, _, err = cosim("compare", "log.csv", "other.csv", "--signals", "x=pos", "--from", "0.5", "--to", "0.4")
+    assert code == 2
+    assert "--from 0.5 is after --to 0.4" in err
+
+
 def test_pictures_and_pages(logs: Path, cosim: Call) -> None:
     code, out, _ = cosim(
         "compare", "log.csv", "other.csv", "--signals", "x=pos", "--plot", "a.png", "--report", "a.html"

@@ -164,6 +164,18 @@ def test_delay_is_estimated_between_samples(lag: float) -> None:
     assert len(said) == (lag != 0.0)
 
 
+def test_gain_and_offset_are_no_delay() -> None:
+    found = compare(run(np.sin(TIME)), run(2.0 * np.sin(TIME) + 0.3))
+    assert found.estimated_delay == pytest.approx(0.0, abs=1e-6)
+    assert not [note for note in found.notes if "fits best" in note]
+
+
+def test_ramps_fit_at_every_delay_and_none_is_said() -> None:
+    found = compare(run(3.0 * TIME), run(3.0 * TIME + 0.5))
+    assert found.estimated_delay == 0.0
+    assert found.notes == ()
+
+
 def test_delay_beyond_the_common_time_is_found_when_it_is_asked_for() -> None:
     chirp = np.sin(3.0 * TIME**2)
     found = compare(run(chirp), run(chirp, time=TIME + 1000.0004), delay="estimate")

@@ -70,7 +70,7 @@ def wait_for(page: Any, condition: str) -> None:
 
 
 def ranges(page: Any) -> list[list[float]]:
-    script = "[...document.querySelectorAll('.plot')].map(p => [...p._fullLayout.xaxis.range])"
+    script = "[...document.querySelectorAll('.panel')].map(p => [...p._fullLayout.xaxis.range])"
     return page.evaluate(script)
 
 
@@ -78,7 +78,7 @@ def test_page_is_drawn_without_errors_and_without_the_network(browser: Any, page
     page, asked, errors = opened(browser, page_file)
     assert page.locator("h1").inner_text() == "A stage <b>on</b> a table"
     assert page.locator("td", has_text="Position error, rms").count() == 1
-    assert page.locator(".plot .scatterlayer .trace").count() == 4
+    assert page.locator(".panel .scatterlayer .trace").count() == 4
     assert page.locator("svg .block").count() == 3
     assert errors == []
     assert [address for address in asked if not address.startswith(("file:", "data:", "blob:"))] == []
@@ -88,11 +88,11 @@ def test_page_is_drawn_without_errors_and_without_the_network(browser: Any, page
 def test_spike_of_one_sample_is_on_the_screen(browser: Any, page_file: Path) -> None:
     page, _, _ = opened(browser, page_file)
     top = page.evaluate(
-        "(() => { const y = document.querySelectorAll('.plot')[2].data[0].y; const k = y.indexOf(Math.max(...y));"
-        " return [document.querySelectorAll('.plot')[2].data[0].x[k], y[k]]; })()"
+        "(() => { const y = document.querySelectorAll('.panel')[2].data[0].y; const k = y.indexOf(Math.max(...y));"
+        " return [document.querySelectorAll('.panel')[2].data[0].x[k], y[k]]; })()"
     )
     assert top == [pytest.approx(SPIKE * 1e-5, rel=1e-12), 42.0]
-    assert page.evaluate("document.querySelectorAll('.plot')[2]._fullLayout.yaxis.range[1]") > 42.0
+    assert page.evaluate("document.querySelectorAll('.panel')[2]._fullLayout.yaxis.range[1]") > 42.0
     page.close()
 
 
@@ -100,17 +100,17 @@ def test_a_drag_zooms_all_panels_and_a_double_click_shows_all_again(browser: Any
     page, _, _ = opened(browser, page_file, viewport={"width": 1280, "height": 1400})
     before = ranges(page)
     assert before == [[pytest.approx(0.0), pytest.approx(9.99999)]] * 3
-    box = page.locator(".plot").first.locator(".nsewdrag").bounding_box()
+    box = page.locator(".panel").first.locator(".nsewdrag").bounding_box()
     middle = box["y"] + 0.5 * box["height"]
     page.mouse.move(box["x"] + 0.25 * box["width"], middle)
     page.mouse.down()
     page.mouse.move(box["x"] + 0.50 * box["width"], middle, steps=5)
     page.mouse.up()
-    wait_for(page, "document.querySelectorAll('.plot')[2]._fullLayout.xaxis.range[0] > 2.0")
+    wait_for(page, "document.querySelectorAll('.panel')[2]._fullLayout.xaxis.range[0] > 2.0")
     for found in ranges(page):
         assert found == [pytest.approx(2.5, abs=0.1), pytest.approx(5.0, abs=0.1)]
     page.mouse.dblclick(box["x"] + 0.3 * box["width"], middle)
-    wait_for(page, "document.querySelectorAll('.plot')[2]._fullLayout.xaxis.range[0] < 0.1")
+    wait_for(page, "document.querySelectorAll('.panel')[2]._fullLayout.xaxis.range[0] < 0.1")
     assert ranges(page) == before
     page.close()
 
@@ -118,13 +118,32 @@ def test_a_drag_zooms_all_panels_and_a_double_click_shows_all_again(browser: Any
 def test_page_follows_the_colours_of_the_reader(browser: Any, page_file: Path) -> None:
     page, _, _ = opened(browser, page_file, color_scheme="light")
     look = (
-        "(() => { const p = document.querySelector('.plot'); return [getComputedStyle(document.body).backgroundColor,"
+        "(() => { const p = document.querySelector('.panel'); return [getComputedStyle(document.body).backgroundColor,"
         " p._fullLayout.paper_bgcolor, p._fullData[0].line.color]; })()"
     )
     assert page.evaluate(look) == ["rgb(255, 255, 255)", "#fff", "#0072B2"]
     page.emulate_media(color_scheme="dark")
-    wait_for(page, "document.querySelector('.plot')._fullLayout.paper_bgcolor === '#15191d'")
+    wait_for(page, "document.querySelector('.panel')._fullLayout.paper_bgcolor === '#15191d'")
     assert page.evaluate(look) == ["rgb(21, 25, 29)", "#15191d", "#56A8DC"]
+    page.close()
+
+
+def test_buttons_send_nothing_and_save_a_picture(browser: Any, page_file: Path) -> None:
+    page, _, _ = opened(browser, page_file)
+    plot = page.locator(".panel").first
+    plot.hover()
+    titles = [button.get_attribute("data-title") for button in plot.locator(".modebar-btn").all()]
+    assert [str(title).lower() for title in titles] == [
+        "download plot as a png",
+        "zoom",
+        "pan",
+        "zoom in",
+        "zoom out",
+        "autoscale",
+    ]
+    with page.expect_download() as download:
+        plot.locator(".modebar-btn").first.click()
+    assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
     page.close()
 
 
@@ -132,7 +151,7 @@ def test_page_follows_the_colours_of_the_reader(browser: Any, page_file: Path) -
 def test_nothing_sticks_out_sideways(browser: Any, page_file: Path, width: int) -> None:
     page, _, _ = opened(browser, page_file, viewport={"width": width, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") == width
-    for plot in page.locator(".plot").all():
+    for plot in page.locator(".panel").all():
         box = plot.bounding_box()
         assert box["x"] >= 0.0
         assert box["x"] + box["width"] <= width

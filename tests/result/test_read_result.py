@@ -47,6 +47,13 @@ def test_figures_of_merit_are_those_of_the_run(tmp_path: Path, ending: str) -> N
     assert holds_result(path)
 
 
+def test_files_of_others_hold_no_result(tmp_path: Path) -> None:
+    (tmp_path / "a.parquet").write_bytes(b"PAR1")
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n")
+    for name in ("a.parquet", "a.csv", "a.mat", "missing.csv", "missing.parquet"):
+        assert not holds_result(tmp_path / name)
+
+
 def test_records_know_the_units_of_a_csv_file_of_a_run(tmp_path: Path) -> None:
     record = read_record(stage().save(tmp_path / "a.csv"))
     assert record.units == {"t.position": "m", "p.position": "m", "c.command": "N.m"}

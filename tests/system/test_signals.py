@@ -15,6 +15,8 @@ from fmu_files import write_probe
 from cosim.commands.cli import main
 from cosim.errors import DescriptionError
 from cosim.fmu.tables import write_toml
+from cosim.record.description import Column, description_path
+from cosim.record.write import RecordWriter
 from cosim.system.ssp_write import lost_elsewhere, write_ssp
 from cosim.system.system import System, make_system, read_system
 from cosim.system.toml_write import write_system
@@ -99,6 +101,28 @@ def test_derivatives_have_names_and_units(folder: Path) -> None:
     # x = k^2 mm at k ms: central differences are exact for it.
     assert log.columns["der(x)"] == pytest.approx(2e3 * np.arange(11), abs=1e-6)
     assert log.columns["der(x,2)"] == pytest.approx(np.full(11, 2e6), rel=1e-9)
+
+
+def test_a_record_of_a_run_keeps_its_units_in_every_form(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """They stand beside the CSV file."""
+    target = tmp_path_factory.mktemp("exported")
+    with RecordWriter(folder / "run.csv", [Column("p.x", "mm", "", "mm")], {"system": "s"}) as writer:
+        writer.write(np.array([0.0, 1.0]), np.array([[1.0], [2.0]]))
+        writer.finish({})
+    table = {"file": "run.csv", "columns": {"x": {"column": "p.x", "unit": "m"}}}
+    system = made(folder, connections=["run.x -> m.u"], signals={"run": table})
+    assert system.signals[0].columns["x"].tolist() == [1e-3, 2e-3]
+    for path in (write_system(system, target / "s.toml"), write_ssp(system, target / "s.ssp")):
+        read = read_system(path)
+        assert read.digest == system.digest
+        assert read.signals[0].columns["x"].tolist() == [1e-3, 2e-3]
+    # Without what stands beside it, the file says no unit: the numbers are taken as m, and that is another system.
+    description_path(folder / "run.csv").unlink()
+    without = made(folder, connections=["run.x -> m.u"], signals={"run": table})
+    assert without.signals[0].columns["x"].tolist() == [1.0, 2.0]
+    assert without.digest != system.digest
 
 
 # What is refused, with what to write instead
@@ -269,6 +293,13 @@ def test_a_record_ends_the_run(folder: Path, experiment: dict[str, Any], steps: 
     assert system.steps == steps
     told = [note for note in system.notes if "where the record ends, not at stop_time" in note]
     assert bool(told) == (experiment.get("stop_time") == 1.0)
+
+
+def test_a_record_that_cannot_be_read_is_the_only_problem(folder: Path) -> None:
+    (problem,) = problems(folder, {"file": "lg.csv", "extend": "stop"}, experiment={"step_size": 0.001}, connections=[])
+    assert "no such file" in problem
+    (problem,) = problems(folder, experiment={"step_size": 0.001})
+    assert "experiment.stop_time: missing" in problem
 
 
 def test_a_run_that_a_record_ends_has_whole_steps_of_every_instance(folder: Path) -> None:

@@ -157,6 +157,8 @@ def _check(options: argparse.Namespace, problems: list[str]) -> tuple[dict[str, 
         if not (math.isfinite(numbers[name]) and numbers[name] >= least):
             said = words.get(name, f"--{name.replace('_', '-')}")
             problems.append(f"{said} {text}: give a number of seconds{' from 0 on' if least == 0.0 else ''}.")
+    if numbers["start"] > numbers["stop"]:
+        problems.append(f"--from {options.start} is after --to {options.stop}.")
     tolerances: list[tuple[str, Tolerance]] = []
     for item in options.tolerance:
         try:
@@ -356,7 +358,7 @@ def show_comparison(found: Comparison) -> None:
     headings = ("Signal", "Unit", "Largest", "at [s]", "rms", "Fit [%]")
     table = make_table(*headings, right=headings[2:], whole=headings[2:], title=f"{found.b} minus {found.a}")
     for entry in found.differences:
-        numbers = [_number(value) for value in (entry.maximum, entry.at, entry.rms)]
+        numbers = [_number(entry.maximum), f"{entry.at:.7g}", _number(entry.rms)]
         numbers.append(f"{entry.fit:.6g}" if math.isfinite(entry.fit) else "none")
         table.add_row(escape(_name(entry)), escape(entry.unit), *numbers)
     console.print(table)

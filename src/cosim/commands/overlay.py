@@ -7,8 +7,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..errors import CosimError, DescriptionError
 from .compare import given_signals, open_record
 from .console import print_error
@@ -44,6 +42,8 @@ class Overlay:
 
     def __init__(self, options: argparse.Namespace, system: System) -> None:
         """Raises DescriptionError with all that does not fit."""
+        import numpy as np
+
         from ..master.metadata import result_columns
         from ..result.align import Side, pair, side_of
 

@@ -308,14 +308,15 @@ class _Watch:
             status, what = "Crash", f"crashed with exception 0x{code:08X}"
         else:
             status, what = "Exit", f"ended its process with exit code {code}, which an FMU must not do"
-        time = self.time()
+        time, why = self.time(), ""
         if not function:
             where = "before the first call of an FMU, the process"
         elif self.board.flags[IN_CALL] or self.board.flags[IN_LOOP]:
             where = f"{instance}: {function} at {time:.9g} s"
         else:
-            where = f"{instance}: after {function} at {time:.9g} s, a thread that was left running"
-        return ProcessError(f"{where} {what}.", instance, function, time=time, status=status)
+            where = f"{instance}: after {function} at {time:.9g} s, between two calls, the process"
+            why = " An FMU has left a thread running, or has damaged memory in an earlier call."
+        return ProcessError(f"{where} {what}.{why}", instance, function, time=time, status=status)
 
     # Threads that read the pipes
 

@@ -38,7 +38,11 @@ class Tables:
         self.noise: list[Connection] = [c for c in system.connections if c.noise is not None]
         self.width = len(self.columns) + len(self.noise)
         self.buffer = np.zeros((POINTS + 1 if self.width else 0, self.width))
-        self._matrices = [np.column_stack([signal.columns[name] for name in names]) for signal, names in self.signals]
+        self._samples: list[tuple[Array, Array | None]] = []
+        """Of each record its columns, and their slopes where they are interpolated."""
+        for signal, names in self.signals:
+            matrix = np.column_stack([signal.columns[name] for name in names])
+            self._samples.append((matrix, signal.resampler.slopes(matrix) if signal.resampler.linear else None))
         self._blocks: dict[tuple[int, int], Array] = {}
         self._clock = 0.0, 0.0
         self.begin(system)
@@ -56,8 +60,8 @@ class Tables:
         times = start + points * step
         lines = self.buffer[: points.size]
         column = 0
-        for (signal, names), matrix in zip(self.signals, self._matrices, strict=True):
-            lines[:, column : column + len(names)] = _values(signal, names, matrix, times)
+        for (signal, names), samples in zip(self.signals, self._samples, strict=True):
+            lines[:, column : column + len(names)] = _values(signal, names, samples, times)
             column += len(names)
         for connection in self.noise:
             lines[:, column] = self._noise(connection, first, last)
@@ -77,11 +81,11 @@ class Tables:
         return noise.rms * together[first - blocks.start * BLOCK : last + 1 - blocks.start * BLOCK]
 
 
-def _values(signal: SignalSource, names: Sequence[str], matrix: Array, times: Array) -> Array:
+def _values(signal: SignalSource, names: Sequence[str], samples: tuple[Array, Array | None], times: Array) -> Array:
     """The values of columns of a record at times of the run."""
     own = signal.resampler
     at = times + signal.shift if signal.shift else times
-    values = own.values(matrix, at)
+    values = own.values(samples[0], at, samples[1])
     if not own.repeat and any(name in signal.rates for name in names):
         outside = own.outside(at)
         for column, name in enumerate(names):

@@ -36,35 +36,41 @@ class Resampler:
         return (at < self.time[0] - self.slack) | (at > self.time[-1] + self.slack)
 
     def places(self, at: Array) -> tuple[NDArray[np.int_], Array]:
-        """For each of the rising times ``at`` the sample at or before it, and the fraction of the way to the next."""
+        """For each of the times ``at``, which rise, the sample at or before it, and the times in the record."""
         slack = EXACT * self.step if self.linear else self.slack
         if self.repeat:
-            rounds: Array = np.floor((at - self.time[0] + slack) / self.period)
+            rounds: Array = np.floor((at - (self.time[0] - slack)) / self.period)
             at = np.subtract(at, rounds * self.period)
         # Few samples out of many: a search among them alone stays in the cache.
         first = max(int(np.searchsorted(self.time, np.min(at))) - 1, 0)
         last = int(np.searchsorted(self.time, np.max(at) + 2.0 * slack, side="right")) + 1
-        index = np.searchsorted(self.time[first:last], at + slack, side="right") + (first - 1)
-        index = np.minimum(np.maximum(index, 0), self.time.size - 1)
-        if not self.linear:
-            return index, np.zeros(0)
-        here = self.time[index]
-        there = self.time[np.minimum(index + 1, self.time.size - 1)]
-        width = np.where(there > here, there - here, self.step)
-        fraction = np.clip((at - here) / width, 0.0, 1.0)
-        fraction[np.abs(at - here) <= slack] = 0.0
-        return index, fraction
+        index = np.searchsorted(self.time[first:last], at + slack, side="right")
+        index += first - 1
+        np.maximum(index, 0, out=index)
+        return index, at
 
-    def values(self, samples: Array, at: Array) -> Array:
+    def slopes(self, samples: Array) -> Array:
+        """The change of ``samples`` a second from each to the next: 0 behind the last one, unless they repeat."""
+        slopes = np.zeros_like(samples)
+        steps = np.diff(self.time)
+        slopes[:-1] = np.diff(samples, axis=0) / (steps if samples.ndim == 1 else steps[:, np.newaxis])
+        if self.repeat:
+            slopes[-1] = (samples[0] - samples[-1]) / self.step
+        return slopes
+
+    def values(self, samples: Array, at: Array, slopes: Array | None = None) -> Array:
         """The values of ``samples``, one line a sample, at the rising times ``at``.
 
-        Where the record does not repeat itself, the first and the last sample hold beyond its ends.
+        Where the record does not repeat itself, the first and the last sample hold beyond its ends. Who asks often
+        gives the ``slopes`` of the samples, which interpolation needs.
         """
-        index, fraction = self.places(at)
+        index, at = self.places(at)
         found: Array = samples.take(index, axis=0)
         if not self.linear:
             return found
-        following = index + 1
-        following = following % self.time.size if self.repeat else np.minimum(following, self.time.size - 1)
-        weight = fraction if samples.ndim == 1 else fraction[:, np.newaxis]
-        return found + (samples.take(following, axis=0) - found) * weight
+        beyond = np.subtract(at, self.time.take(index))
+        beyond *= beyond > EXACT * self.step
+        rise: Array = (self.slopes(samples) if slopes is None else slopes).take(index, axis=0)
+        rise *= beyond if samples.ndim == 1 else beyond[:, np.newaxis]
+        rise += found
+        return rise

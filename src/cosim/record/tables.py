@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -58,6 +59,19 @@ def open_table(path: Path) -> Table:
             raise DescriptionError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}.")
         return ParquetTable(path) if ending == ".parquet" else MatTable(path)
     raise DescriptionError(f"{path}: the name of a record must end in {', '.join((*TEXT, '.parquet', '.mat'))}.")
+
+
+def file_metadata(path: Path) -> Mapping[str, object]:
+    """The metadata of a file as ``open_table`` has them, without its rows; empty for files that are not read so."""
+    ending = path.suffix.lower()
+    if ending in TEXT:
+        return read_description(path)
+    if ending != ".parquet" or not path.is_file() or find_spec("pyarrow") is None:
+        return {}
+    try:
+        return _decoded(import_module("pyarrow.parquet").read_metadata(path).metadata or {})
+    except (import_module("pyarrow").ArrowException, OSError):
+        return {}
 
 
 class _Arrays:
@@ -154,7 +168,7 @@ class MatTable(_Arrays):
             raise DescriptionError(
                 f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7."
             ) from None
-        except (ValueError, TypeError, OSError, EOFError, KeyError, IndexError, MemoryError) as error:
+        except Exception as error:  # of any class: scipy raises what it happens to meet in a damaged file
             raise DescriptionError(f"{path}: is no MAT file that can be read ({error}).") from None
         vectors: dict[str, NDArray[np.float64]] = {}
         metadata: dict[str, object] = {}

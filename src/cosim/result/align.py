@@ -23,7 +23,9 @@ MOST_POINTS = 2**19
 MOST_SIGNALS = 8
 """Signals by which a delay is looked for, the first that vary: each takes part of a second."""
 STILL = 1e-3
-"""Of the variance of both signals: where they vary less nothing tells their delay."""
+"""Of the variance of a whole signal: where it varies less nothing tells its delay."""
+EQUAL = 1e-9
+"""Correlations that differ by less are equal: rounding leaves some 1e-12."""
 SAME = 1e-6
 """Of a step: times that differ by less are the same time, written with fewer digits."""
 
@@ -147,7 +149,7 @@ def _conversion(a: Side, b: Side, names: tuple[str, str], notes: list[str]) -> t
 
 
 def estimate_delay(pairs: Pairs, *, everywhere: bool = False) -> float:
-    """Seconds by which ``b`` lags behind ``a``: where their difference varies least, against both signals meanwhile.
+    """Seconds by which ``b`` lags behind ``a``: where both correlate best, so neither gain nor offset counts.
 
     Looked for within a quarter of the common time, or ``everywhere`` where half of the shorter side remains. The first
     pairs that vary count alike. Between the points of the grid (the coarser step) the last steps are those of Gauss and
@@ -176,7 +178,10 @@ def estimate_delay(pairs: Pairs, *, everywhere: bool = False) -> float:
             costs.append(_cost(one - middle, other - middle, lags, shared))
     if not costs or not np.any(allowed):
         return math.nan
-    best = int(np.argmin(np.where(allowed, np.sum(costs, axis=0), np.inf)))
+    total = np.where(allowed, np.sum(costs, axis=0), np.inf)
+    # Ramps fit ramps at every lag: of equals the least.
+    equal = np.flatnonzero(total <= np.min(total) + EQUAL)
+    best = equal[int(np.argmin(np.abs(lags[equal] * step + start)))]
     return _refined(pairs, float(lags[best]) * step + start, step)
 
 
@@ -187,9 +192,9 @@ def _grid(side: Side, step: float) -> Array:
 
 
 def _cost(one: Array, other: Array, lags: NDArray[np.intp], shared: NDArray[np.intp]) -> Array:
-    """For every lag the variance of ``other[i + lag] - one[i]`` over the samples that meet, as a share of theirs.
+    """For every lag 1 minus the correlation of ``one[i]`` and ``other[i + lag]`` over the samples that meet.
 
-    1, as of two signals that have nothing to do with each other, where both hardly vary: rest fits any rest.
+    1, as of two signals that have nothing to do with each other, where one hardly varies: rest fits any rest.
     """
     size = 1 << int(one.size + other.size - 1).bit_length()
     product = np.fft.irfft(np.fft.rfft(other, size) * np.conj(np.fft.rfft(one, size)), size)[lags]
@@ -201,14 +206,17 @@ def _cost(one: Array, other: Array, lags: NDArray[np.intp], shared: NDArray[np.i
 
     mean_one, square_one = moments(one, begin, end)
     mean_other, square_other = moments(other, begin + lags, end + lags)
-    variances = square_one - mean_one**2 + square_other - mean_other**2
+    variances = square_one - mean_one**2, square_other - mean_other**2
     covariance = product / shared - mean_one * mean_other
-    still = variances <= STILL * float(np.var(one) + np.var(other))
-    return np.where(still, 1.0, 1.0 - 2.0 * covariance / np.where(still, 1.0, variances))
+    still = (variances[0] <= STILL * float(np.var(one))) | (variances[1] <= STILL * float(np.var(other)))
+    return 1.0 - np.where(still, 0.0, covariance) / np.sqrt(np.where(still, 1.0, variances[0] * variances[1]))
 
 
 def _refined(pairs: Pairs, lag: float, step: float) -> float:
-    """The lag at the minimum near ``lag``, which stays within a step of it; three Gauss-Newton steps on all pairs."""
+    """The lag near ``lag``, within a step of it, at which every b is best a gain times a and an offset.
+
+    Three Gauss-Newton steps on all pairs.
+    """
     a, b = pairs.a, pairs.b
     found = lag
     for _ in range(3):
@@ -220,13 +228,17 @@ def _refined(pairs: Pairs, lag: float, step: float) -> float:
         for name, values in a.values.items():
             one = np.interp(times, a.time, values)
             low, other, high = (np.interp(times + found + k * step, b.time, b.values[name]) for k in (-1, 0, 1))
-            spread = float(np.var(one))
-            if not (spread > 0.0 and np.all(np.isfinite(one)) and np.all(np.isfinite(other))):
+            one -= np.mean(one)
+            norm, spread = float(one @ one), float(np.var(other))
+            if not (norm > 0.0 and spread > 0.0 and math.isfinite(norm) and math.isfinite(spread)):
                 continue
-            slope, difference = (high - low) / (2.0 * step), other - one
-            slope, difference = slope - np.mean(slope), difference - np.mean(difference)
-            gradient += float(slope @ difference) / spread
-            curvature += float(slope @ slope) / spread
+            slope = (high - low) / (2.0 * step)
+            steepness = float(slope @ slope)
+            # What gain and offset make of a is taken out of both.
+            slope, rest = (part - np.mean(part) - (float(one @ part) / norm) * one for part in (slope, other))
+            if float(slope @ slope) > EQUAL * steepness:
+                gradient += float(slope @ rest) / spread
+                curvature += float(slope @ slope) / spread
         if not curvature > 0.0:
             return lag
         found = min(max(found - gradient / curvature, lag - step), lag + step)

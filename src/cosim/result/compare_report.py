@@ -122,7 +122,7 @@ def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list
 
 
 def report_comparison(
-    found: Comparison, path: Path, sources: tuple[Result | Record, Result | Record], *, notes: Sequence[str] = ()
+    found: Comparison, path: str | Path, sources: tuple[Result | Record, Result | Record], *, notes: Sequence[str] = ()
 ) -> Path:
     """Write the page of a comparison of ``sources``; ``notes`` stand on it beside those of the comparison.
 

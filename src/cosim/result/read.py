@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import DescriptionError
 from ..record.csv import shortened
 from ..record.description import Column, columns_of
-from ..record.tables import Table, open_table
+from ..record.tables import Table, file_metadata, open_table
 from .result import Message, Result
 
 TIME = "time"
@@ -65,5 +65,8 @@ def _numbers(path: Path, table: Table) -> Any:
 
 
 def holds_result(path: Path) -> bool:
-    """Whether a file was written by a run, with its metadata. Raises DescriptionError if it is not readable."""
-    return "system_digest" in open_table(path).metadata
+    """Whether a file was written by a run, with its metadata.
+
+    Raises DescriptionError for a CSV file that has changed since.
+    """
+    return "system_digest" in file_metadata(path)

@@ -102,11 +102,12 @@ def check_report(path: Path) -> None:
     check_writable(path)
 
 
-def write_report(path: Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
+def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
     """Write a page of ``sections``, whole or not at all; a section without parts is left out.
 
     Raises DescriptionError for another ending than .html or if plotly is missing, FileError if it cannot be written.
     """
+    path = Path(path)
     check_report(path)
     sections = [section for section in sections if section.parts]
     charts = [part for section in sections for part in section.parts if isinstance(part, Chart)]

@@ -16,7 +16,7 @@ MAX_MESSAGES, MAX_ELEMENTS = 50, 6
 """Messages of FMUs on the page, and elements of an array in a line: more are rarely read."""
 
 
-def report_run(result: Result, path: Path, *, notes: Sequence[str] = (), also: Sequence[Section] = ()) -> Path:
+def report_run(result: Result, path: str | Path, *, notes: Sequence[str] = (), also: Sequence[Section] = ()) -> Path:
     """Write the page of a run; ``notes`` stand on it beside those of the system, ``also`` behind the signals.
 
     Raises DescriptionError for another ending than .html or if plotly is missing, FileError if it cannot be written.
@@ -155,7 +155,7 @@ def provenance(facts: Mapping[str, Any]) -> list[Part]:
             ("Stop time", "stop_time", "s"),
             ("Communication step", "step_size", "s"),
             ("Steps", "steps", ""),
-            ("Recorded: every n-th point, n", "decimation", ""),
+            ("Decimation of the record", "decimation", ""),
             ("Tolerance told to the FMUs", "tolerance", ""),
             ("Stepping took", "stepping_seconds", "s"),
         )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 from ..errors import DescriptionError
 from .connections import read_connections
@@ -127,7 +127,11 @@ def _signals_and_experiment(
     times = float(fraction(given.get("start_time", 0)) or 0.0), float(fraction(given.get("step_size")) or math.inf)
     signals = read_signals(document, folder, times, findings)
     multiple = math.lcm(*(instance.step_multiple for instance in instances.values()))
-    experiment = read_experiment(document, findings, list(record_ends(signals)), multiple)
+    tables = (
+        cast("Mapping[str, Any]", t) for t in findings.table(document, "signals").values() if isinstance(t, Mapping)
+    )
+    ended = any(table.get("extend") == "stop" for table in tables)
+    experiment = read_experiment(document, findings, list(record_ends(signals)) if ended else None, multiple)
     if experiment.steps:
         times = float(experiment.start_time), float(experiment.stop_time), float(experiment.step_size)
         check_times(signals, times, findings)

@@ -28,16 +28,20 @@ class ExperimentTimes:
 
 
 def read_experiment(
-    document: Mapping[str, Any], findings: Findings, ends: Sequence[tuple[str, float]] = (), multiple: int = 1
+    document: Mapping[str, Any],
+    findings: Findings,
+    ends: Sequence[tuple[str, float]] | None = None,
+    multiple: int = 1,
 ) -> ExperimentTimes:
     """The experiment of a document.
 
-    ``ends`` are names and times in s of records that end the run, which then has a multiple of ``multiple`` steps.
+    ``ends`` are names and times in s of records that end the run, which then has a multiple of ``multiple`` steps; None
+    if no record is meant to, so that a stop time is needed.
     """
     table = findings.table(document, "experiment")
     findings.known_keys("experiment", table, ("start_time", "stop_time", "step_size", "order", "tolerance"))
     start = _seconds(table, "start_time", Fraction(0), findings)
-    stop = _seconds(table, "stop_time", None, findings) if "stop_time" in table or not ends else None
+    stop = _seconds(table, "stop_time", None, findings) if "stop_time" in table or ends is None else None
     step = _seconds(table, "step_size", None, findings)
     if step is not None and step <= 0:
         findings.problem("experiment.step_size", f"{step} s must be positive.")

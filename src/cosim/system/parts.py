@@ -51,6 +51,8 @@ class SignalSource:
     resampler: Resampler = field(repr=False, compare=False)
     shift: float
     """Time of the record minus time of the run, in s."""
+    converted: Mapping[str, str]
+    """Units that the file, or its description beside it, says and from which columns are converted."""
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -132,7 +134,7 @@ def system_digest(  # noqa: PLR0917
         "decimation": decimation,
     }
     if signals:
-        content["signals"] = {signal.name: {**signal.table, "file": signal.digest} for signal in signals}
+        content["signals"] = {s.name: {**s.table, "file": s.digest, "converted": s.converted} for s in signals}
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=float).encode()).hexdigest()
 
 

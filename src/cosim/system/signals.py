@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
 import os
@@ -18,6 +19,7 @@ from ..errors import DescriptionError, suggest
 from ..fmu.tables import Number, Positive, Seconds, Table, Text, checked
 from ..fmu.variables import Variable
 from ..record.derive import derivative_name, derivative_unit, differences, smoothed
+from ..record.description import description_path
 from ..record.header import is_unit
 from ..record.read import Record, read_record
 from ..record.resample import Resampler
@@ -145,6 +147,7 @@ def _source(  # noqa: PLR0917
     columns: dict[str, NDArray[np.float64]] = {}
     variables: dict[str, Variable] = {}
     rates: set[str] = set()
+    converted: dict[str, str] = {}
     for key, column in chosen.items():
         place = f"{where}.columns.{key}"
         written = cast("Mapping[str, Any]", table.get("columns", {})).get(key)
@@ -154,6 +157,8 @@ def _source(  # noqa: PLR0917
         if scaled is None:
             continue
         columns[key], unit = scaled
+        if column.factor is None and unit != record.units[column.column] and record.units[column.column]:
+            converted[key] = record.units[column.column]
         text = f"column {column.column} of {entry.file}"
         variables[key] = _variable(key, unit, text)
         for order in range(1, column.derivatives + 1):
@@ -173,7 +178,16 @@ def _source(  # noqa: PLR0917
     resampler = Resampler(record.time, grid=times[1], linear=linear, repeat=repeat)
     shift = 0.0 if entry.start_time is None else entry.start_time - times[0]
     return SignalSource(
-        name, path, digest, table, variables, columns, rates=frozenset(rates), resampler=resampler, shift=shift
+        name,
+        path,
+        digest,
+        table,
+        variables,
+        columns,
+        rates=frozenset(rates),
+        resampler=resampler,
+        shift=shift,
+        converted=converted,
     )
 
 
@@ -265,26 +279,25 @@ def _read(
     columns: tuple[str, ...] | None,
 ) -> tuple[Record, str]:
     """A record and the SHA-256 of its file; read once in a process, as long as the file is the same."""
-    try:
-        status = os.stat(path)
-    except OSError:
-        read_record(path)  # says what is wrong
-        raise
-    return _kept(path, (status.st_mtime_ns, status.st_size), time, time_unit, sampling_time, columns)
+    stamp: list[tuple[int, int]] = []
+    for file in (path, description_path(path)):
+        with contextlib.suppress(OSError):
+            status = os.stat(file)
+            stamp.append((status.st_mtime_ns, status.st_size))
+    return _kept(path, tuple(stamp), time, time_unit, sampling_time, columns)
 
 
 @lru_cache(maxsize=8)
 def _kept(  # noqa: PLR0917
     path: Path,
-    stamp: tuple[int, int],
+    stamp: tuple[tuple[int, int], ...],
     time: str | None,
     time_unit: str | None,
     sampling_time: float | None,
     columns: tuple[str, ...] | None,
 ) -> tuple[Record, str]:
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     record = read_record(path, time=time, time_unit=time_unit, sampling_time=sampling_time, columns=columns)
-    return record, digest
+    return record, hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 # ---- what can be changed from run to run ----

@@ -22,7 +22,7 @@ from ..units import BASE_UNITS
 from .parts import Connection
 from .ssp_integers import with_integers
 from .ssp_names import ANNOTATION, NAMESPACES, tag
-from .written import connection_entries, record_names, signal_tables, unique_names
+from .written import connection_entries, record_files, record_names, signal_tables, unique_names
 
 if TYPE_CHECKING:
     from .system import System
@@ -50,7 +50,7 @@ def write_ssp(system: System, target: str | Path, *, integers: bool = False) -> 
     start = "SystemStructure.ssd"
     members: dict[str, bytes | Path] = {start: description}
     fmus = {instance.fmu.path for instance in system.instances}
-    for path, name in files.items():
+    for name, path in record_files(files).items():
         members[f"resources/{name}"] = with_integers(path.read_bytes()) if integers and path in fmus else path
     write_zip(target, members, start, deflated=(start,))
     return target

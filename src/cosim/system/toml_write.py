@@ -11,7 +11,7 @@ from ..fmu.description import Fmu
 from ..fmu.tables import write_toml
 from ..fmu.variables import Value
 from .ssp_write import resource_names
-from .written import connection_entries, record_names, signal_tables
+from .written import connection_entries, record_files, record_names, signal_tables
 
 if TYPE_CHECKING:
     from .system import System
@@ -29,9 +29,9 @@ def write_system(system: System, target: str | Path) -> Path:
     record_folder = target.with_name(f"{target.stem}_records")
     sources: dict[Path, str] = {}
     for place, files in ((folder, names), (record_folder, records)):
-        for path, name in files.items():
+        for name, path in record_files(files).items():
             write_file(place / name, path.read_bytes())
-            sources[path] = f"{place.name}/{name}"
+        sources |= {path: f"{place.name}/{name}" for path, name in files.items()}
     return write_toml(target, document(system, sources))
 
 

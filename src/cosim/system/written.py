@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..record.description import description_path
 from .parts import Connection
 
 if TYPE_CHECKING:
@@ -55,6 +56,15 @@ def arrow(connection: Connection) -> str | None:
 def record_names(system: System) -> dict[Path, str]:
     """A file name for each record of the system; different records of one name are told apart by a number."""
     return unique_names(signal.path for signal in system.signals)
+
+
+def record_files(names: Mapping[Path, str]) -> dict[str, Path]:
+    """The files to write for records of such names: with each the description of a CSV file of a run, if it has one."""
+    files = {name: path for path, name in names.items()}
+    for path, name in names.items():
+        if description_path(path).is_file():
+            files[description_path(Path(name)).name] = description_path(path)
+    return files
 
 
 def unique_names(paths: Any) -> dict[Path, str]:

@@ -55,7 +55,9 @@
       const key = keys.pop();
       keys.reduce((node, name) => (node[name] ??= {}), layout)[key] = value;
     }
-    const options = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] };
+    // Named one by one: others of plotly's buttons send data away.
+    const buttons = [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "autoScale2d"]];
+    const options = { responsive: true, displaylogo: false, modeBarButtons: buttons, plotlyServerURL: "" };
     return Plotly.newPlot(place, traces, layout, options);
   }
 
@@ -89,7 +91,7 @@
     // All places are there before the first is drawn: a drawing has the size that its place has then.
     const places = data.panels.map((panel, i) => {
       const place = document.createElement("div");
-      place.className = i === data.panels.length - 1 ? "plot last" : "plot";
+      place.className = i === data.panels.length - 1 ? "panel last" : "panel";
       remark(parent, panel.note);
       parent.append(place);
       drawn.push([place, panel]);
