@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .record.read import Record, read_record
     from .result import metrics, plots
     from .result.compare import Comparison, Tolerance, compare
+    from .result.compare_report import plot_comparison, report_comparison
     from .result.picture import plot
     from .result.read import read_result
     from .result.result import Result
@@ -57,10 +58,12 @@ __all__ = [
     "make_system",
     "metrics",
     "plot",
+    "plot_comparison",
     "plots",
     "read_record",
     "read_result",
     "read_system",
+    "report_comparison",
     "report_run",
     "simulate",
 ]
@@ -73,6 +76,7 @@ _HOMES = {
     "master.simulation": ("Simulation", "simulate"),
     "record.read": ("Record", "read_record"),
     "result.compare": ("Comparison", "Tolerance", "compare"),
+    "result.compare_report": ("plot_comparison", "report_comparison"),
     "result.picture": ("plot",),
     "result.read": ("read_result",),
     "result.result": ("Result",),

@@ -91,6 +91,13 @@ def test_no_wire_crosses_a_block_and_no_block_another() -> None:
         assert x + width <= x1 or x1 + width1 <= x or y + height <= y1 or y1 + height1 <= y
 
 
+def test_an_input_of_several_wires_is_a_sum() -> None:
+    wires = [Wire(("a", "y"), ("c", "u")), Wire(("b", "y"), ("c", "u")), Wire(("b", "y"), ("c", "v"))]
+    texts = [text.text for text in ElementTree.fromstring(draw([Block(name) for name in "abc"], wires)).iter()]
+    assert "\N{N-ARY SUMMATION} u" in texts
+    assert "v" in texts
+
+
 def test_names_are_escaped_and_nothing_is_needed() -> None:
     assert "&lt;a&gt;" in draw([Block("<a>", "&", "<t>")], [])
     ElementTree.fromstring(draw([], []))

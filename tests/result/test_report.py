@@ -128,6 +128,19 @@ def test_diagram_shows_blocks_ports_and_units(tmp_path: Path) -> None:
     assert "p.angle [rad] → c.position, \N{MULTIPLICATION SIGN}0.0016 m" in [title.text for title in svg.iter("title")]
 
 
+def test_signals_beside_those_of_the_loops_are_drawn_by_their_units(tmp_path: Path) -> None:
+    base = stage()
+    columns = {name: (base[name], base.unit(name)) for name in base.names}
+    columns |= {f"p.x{i:02}": (base.time * i, "V") for i in range(40)} | {"p.T": (base.time, "K")}
+    root = page(report_run(result(base.time, columns), tmp_path / "run.html"))
+    _, others = charts(root)
+    labels = [[line["label"] for line in panel["lines"]] for panel in others["panels"]]
+    assert [len(lines) for lines in labels] == [8, 8, 8, 8]
+    assert labels[3][-1] == "p.x31"
+    assert "Not drawn: p.x32, p.x33" in root.text_content()
+    assert "p.T." in root.text_content()
+
+
 def test_messages_and_an_early_end_are_told(tmp_path: Path) -> None:
     run = result(np.arange(3.0), {"p.x": (np.arange(3.0), "V")}, messages=[Message("p", 1.0, "Warning", "log", "hot")])
     text = page(report_run(run, tmp_path / "a.htm")).text_content()

@@ -25,5 +25,15 @@ def test_examples_of_the_page_run(native: Path, tmp_path: Path, monkeypatch: pyt
         exec(block, names)
     assert names["again"]["plant.position"].tobytes() == names["result"]["plant.position"].tobytes()
     assert names["found"]["x"].fit > 99.9
-    for file in ("run.csv", "run.csv-metadata.json", "run.png", "both.png", "all.png", "run.html", "axis.html"):
+    for file in (
+        "run.csv",
+        "run.csv-metadata.json",
+        "run.png",
+        "both.png",
+        "all.png",
+        "compared.png",
+        "compared.html",
+        "run.html",
+        "axis.html",
+    ):
         assert (tmp_path / file).stat().st_size > 1000

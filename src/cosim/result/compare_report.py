@@ -10,7 +10,8 @@ import numpy as np
 
 from ..record.read import Record
 from .compare import Comparison, Difference
-from .plots import Panel, Series, plot_panels, typeset
+from .picture import Picture
+from .plots import Panel, Series, typeset
 from .report import Chart, Notes, Part, Section, Table, Text, write_report
 from .result import Result
 from .run_report import figure_parts, provenance, system_parts
@@ -88,9 +89,15 @@ def shown(found: Comparison) -> list[Difference]:
     return [entry for entry in found.differences if any(entry is other for other in chosen)]
 
 
-def plot_comparison(found: Comparison, path: Path) -> None:
-    """Draw both sides and their differences. Raises DescriptionError or FileError if that cannot be written."""
-    plot_panels(path, comparison_panels(found), title=f"{found.b} compared with {found.a}")
+def plot_comparison(found: Comparison, path: str | Path | None = None) -> Picture:
+    """Both sides and their differences as a picture, written to ``path`` if it is given.
+
+    Raises DescriptionError for an ending that no picture has, FileError if it cannot be written.
+    """
+    picture = Picture(tuple(comparison_panels(found)), f"{found.b} compared with {found.a}")
+    if path is not None:
+        picture.save(path)
+    return picture
 
 
 def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list[Section]:

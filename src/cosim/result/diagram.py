@@ -47,6 +47,8 @@ class _Box:
     column: int = 0
     inputs: list[str] = field(default_factory=list[str])
     outputs: list[str] = field(default_factory=list[str])
+    sums: set[str] = field(default_factory=set[str])
+    """Inputs at which several wires end."""
     x: float = 0.0
     y: float = 0.0
     width: float = 0.0
@@ -76,6 +78,10 @@ def draw(blocks: Sequence[Block], wires: Sequence[Wire]) -> str:
         ):
             if port not in ports:
                 ports.append(port)
+    ends = [wire.target for wire in wires]
+    for name, port in ends:
+        if ends.count((name, port)) > 1:
+            boxes[name].sums.add(port)
     for name, column in columns(list(boxes), wires).items():
         boxes[name].column = column
     for box in boxes.values():
@@ -259,7 +265,7 @@ def _block(box: _Box) -> str:
     texts = [
         _text(middle, box.y + 18.0, box.block.name, "name"),
         _text(middle, box.y + 33.0, box.block.kind, "kind"),
-        *(_text(box.x + 6.0, box.input_point(port)[1] + 4.0, port, "port") for port in box.inputs),
+        *(_text(box.x + 6.0, box.input_point(port)[1] + 4.0, _input(box, port), "port") for port in box.inputs),
         *(_text(box.x + box.width - 6.0, box.output_point(port)[1] + 4.0, port, "port end") for port in box.outputs),
     ]
     title = f"<title>{escape(box.block.text)}</title>" if box.block.text else ""
@@ -267,6 +273,10 @@ def _block(box: _Box) -> str:
         f'<g class="block">{title}<rect x="{box.x:.1f}" y="{box.y:.1f}" width="{box.width:.1f}" '
         f'height="{box.height:.1f}" rx="5"/>{"".join(texts)}</g>'
     )
+
+
+def _input(box: _Box, port: str) -> str:
+    return f"\N{N-ARY SUMMATION} {port}" if port in box.sums else port
 
 
 def _text(x: float, y: float, text: str, kind: str) -> str:

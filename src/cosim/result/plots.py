@@ -54,7 +54,10 @@ _DISPLAY = {
 }
 
 
+_NO_DATE: Mapping[str, dict[str, None]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+"""Metadata by the ending of the file. With it and the salt, the same picture has the same bytes."""
 _STYLE: dict[str, Any] = {
+    "svg.hashsalt": "cosim",
     "font.size": 9.0,
     "axes.titlesize": 9.0,
     "axes.titlelocation": "left",
@@ -166,7 +169,7 @@ def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: 
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure)
-        figure.savefig(content, format=ending)
+        figure.savefig(content, format=ending, metadata=_NO_DATE.get(ending))
     return content.getvalue()
 
 
@@ -313,11 +316,17 @@ def run_panels(result: Recorded) -> list[Panel]:
                 )
             )
     else:
-        for unit in dict.fromkeys(result.unit(name) for name in result.names):
-            members = tuple(
-                Series(name, result.time, result[name]) for name in result.names if result.unit(name) == unit
-            )
-            panels.append(Panel("Value", unit, members))
+        panels += signal_panels(result, result.names)
+    return panels
+
+
+def signal_panels(result: Recorded, names: Sequence[str], most: int | None = None) -> list[Panel]:
+    """Signals over time, those of one unit in one panel, or in several with at most ``most`` lines."""
+    panels: list[Panel] = []
+    for unit in dict.fromkeys(result.unit(name) for name in names):
+        members = tuple(Series(name, result.time, result[name]) for name in names if result.unit(name) == unit)
+        step = most or len(members)
+        panels += [Panel("Value", unit, members[first : first + step]) for first in range(0, len(members), step)]
     return panels
 
 

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any, cast
 
 from .diagram import Block, Wire, draw
-from .plots import run_panels, typeset
+from .plots import COLOURS, run_panels, signal_panels, typeset
 from .report import Cell, Chart, Drawing, Notes, Part, Section, Table, Text, write_report
 from .result import Result
-from .summary import Figure, not_finite, summary
+from .summary import Figure, loops, not_finite, summary
 
+MOST_SIGNALS = 32
+"""Signals drawn beside those of the loops: more make the page slow."""
 MAX_MESSAGES, MAX_ELEMENTS = 50, 6
 """Messages of FMUs on the page, and elements of an array in a line: more are rarely read."""
 
@@ -37,12 +39,25 @@ def run_sections(result: Result, *, notes: Sequence[str] = (), also: Sequence[Se
         Section("Notes", _notes(result, notes)),
         Section("Figures of merit", figure_parts(summary(result))),
         Section("Signals", [Chart(run_panels(result))] if result.time.size > 1 else [Text("Nothing was recorded.")]),
+        Section("Other signals", _other_signals(result)),
         *also,
         Section("System", system_parts(result.metadata)),
         Section("Solver", _solver(result)),
         Section("Provenance", provenance(result.metadata)),
         Section("Messages", _messages(result)),
     ]
+
+
+def _other_signals(result: Result) -> list[Part]:
+    """What was recorded beside the signals of the loops; nothing without loops, whose place all signals have then."""
+    found = loops(result)
+    drawn = {name for loop in found for name in (loop.reference, loop.position, loop.command)}
+    names = [name for name in result.names if name not in drawn]
+    if not found or not names or result.time.size < 2:
+        return []
+    parts: list[Part] = [Chart(signal_panels(result, names[:MOST_SIGNALS], len(COLOURS)))]
+    more = names[MOST_SIGNALS:]
+    return [*parts, Text(f"Not drawn: {', '.join(more)}.")] if more else parts
 
 
 def figure_parts(figures: Sequence[Figure]) -> list[Part]:
@@ -131,7 +146,7 @@ def _change(wire: Mapping[str, Any]) -> str:
     (before, after), factor = wire["units"], wire["factor"]
     said = [f"\N{MULTIPLICATION SIGN}{factor:.5g}"] if factor != 1.0 else []
     said += [typeset(after)] if after != before else []
-    said += [f"+ noise {wire['noise']:.3g}"] if "noise" in wire else []
+    said += [f"+ noise {wire['noise']:.3g} {typeset(after)}".rstrip()] if "noise" in wire else []
     return " ".join(said)
 
 
