@@ -13,7 +13,7 @@ import pytest
 
 from cosim.commands.cli import main
 
-STUDIES = Path(__file__).parents[1] / "studies"
+STUDIES = Path(__file__).parents[2] / "studies"
 MAEDA = STUDIES / "maeda2008"
 COMMANDS = [
     ["sweep"],

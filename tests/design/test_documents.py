@@ -15,7 +15,7 @@ from cosim.design.stability import read_map
 from cosim.errors import DescriptionError
 from cosim.fmu.tables import checked, toml, write_start
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SCHEMAS = runpy.run_path(str(ROOT / "docs" / "schemas" / "write.py"))
 SWEEP: dict[str, Any] = {"system": "loop.toml", "parameters": {"a.b": [1.0]}}
 TUNING: dict[str, Any] = {"system": "loop.toml", "objective": "rms", "parameters": {"a.b": {"from": 1.0, "to": 2.0}}}

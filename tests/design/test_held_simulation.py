@@ -11,7 +11,7 @@ from cosim.errors import DescriptionError
 from cosim.master.simulation import Simulation, simulate
 from cosim.system.system import System, make_system, read_system
 
-STEP = Path(__file__).parents[1] / "studies" / "maeda2008" / "step.toml"
+STEP = Path(__file__).parents[2] / "studies" / "maeda2008" / "step.toml"
 
 
 @pytest.fixture(scope="module")

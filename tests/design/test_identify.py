@@ -25,7 +25,7 @@ from cosim.errors import DescriptionError
 from cosim.master.simulation import simulate
 from cosim.system.system import read_system
 
-STUDY = Path(__file__).parents[1] / "studies" / "maeda2008"
+STUDY = Path(__file__).parents[2] / "studies" / "maeda2008"
 
 
 def coasting(step: float, *, deceleration: float = 0.08, viscous: float = 5.0, drive: float = 1.5) -> np.ndarray:

@@ -11,7 +11,7 @@ import pytest
 from cosim.design.names import axis_names, nctf_names
 from cosim.system.system import read_system
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DESIGN = sorted((ROOT / "src" / "cosim" / "design").glob("*.py"))
 FMUS = [path for path in (ROOT / "fmus").glob("*/*.py") if path.parent.name != "references"]
 

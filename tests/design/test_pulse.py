@@ -35,7 +35,7 @@ from cosim.result import metrics
 from cosim.result.result import Result
 from cosim.system.system import read_system
 
-FENG = Path(__file__).parents[1] / "studies" / "feng2015"
+FENG = Path(__file__).parents[2] / "studies" / "feng2015"
 FINE_STEP = 0.036e-3  # m/s
 PUBLISHED = {"x": (0.38e-3, 0.56e-3, 0.812e-3, 0.848e-3), "y": (0.38e-3, 0.776e-3, 1.028e-3, 1.136e-3)}
 """Amplitudes in m/s at 2, 10, 40, 120 mm/s2 of the first independent simulation."""

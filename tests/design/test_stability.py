@@ -44,7 +44,7 @@ from cosim.system.system import System, read_system
 from fmus.physics.nct import REFERENCE_ERROR, REFERENCE_RATE
 from fmus.plant.compliant_ballscrew import CompliantBallscrew
 
-STUDY = Path(__file__).parents[1] / "studies" / "maeda2008"
+STUDY = Path(__file__).parents[2] / "studies" / "maeda2008"
 SMALL = {"trajectory.amplitude": 1e-5, "controller.K_I": 0.0}
 T_S = 2e-4
 

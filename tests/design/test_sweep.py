@@ -28,7 +28,7 @@ from cosim.errors import CosimError, DescriptionError, FileError
 from cosim.system.system import read_system
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="the FMU of this test misbehaves in the ways of Linux")
-STEP = Path(__file__).parents[1] / "studies" / "maeda2008" / "step.toml"
+STEP = Path(__file__).parents[2] / "studies" / "maeda2008" / "step.toml"
 GAINS = {"from": 300.0, "to": 1200.0, "count": 4}
 
 

@@ -15,7 +15,7 @@ from cosim.design.tune import Trial, Tuned, Tuning, make_tuning, read_tuning, tu
 from cosim.errors import DescriptionError
 from cosim.system.system import read_system
 
-STUDY = Path(__file__).parents[1] / "studies" / "maeda2008"
+STUDY = Path(__file__).parents[2] / "studies" / "maeda2008"
 METRICS = {
     "end": {"of": "last", "signal": "plant.position"},
     "swing": {"of": "peak_to_peak", "signal": "plant.position"},

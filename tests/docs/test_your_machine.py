@@ -16,7 +16,7 @@ from cosim.design.fit import Fitted, fit
 from cosim.design.fit_file import make_fit
 from cosim.record.read import read_record
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 LOGS = EXAMPLES / "your_machine"
 sys.path.insert(0, str(LOGS))
 import make_records as made  # noqa: E402

@@ -37,7 +37,7 @@ from cosim.model import Controller, Plant, Record, parameter, variable
 from cosim.record.description import Column
 from cosim.record.write import check_output
 
-CACHE = Path(__file__).parents[1] / "build" / "cache"
+CACHE = Path(__file__).parents[2] / "build" / "cache"
 
 
 class Lag(Plant):

@@ -18,6 +18,7 @@ from cosim.errors import DescriptionError
 from cosim.reference import fmi_ls_ref as lsref
 from cosim.reference import replay as module
 from cosim.reference.fmi_ls_ref import ReferenceExperiment, Related, Tolerance
+from cosim.reference.jobs import Job
 from cosim.reference.replay import verify
 
 STEP = 0.125
@@ -369,7 +370,7 @@ def test_rows_at_an_event(held: bool, times: list[float], expected: list[float])
     y = SimpleNamespace(name="y", unit="V", declaredType=None, shape=())
     references = lsref.Table(("y",), tuple(times), tuple((repr(value),) for value in expected))
     experiment = ReferenceExperiment("event", step_size=1.0, held=held)
-    job = module._Job(experiment, references, variables={"y": (y, None)})
+    job = Job(experiment, references, variables={"y": (y, None)})
     columns = {"time": np.array([0.0, 1.0, 1.0, 2.0]), "y": np.array([0.0, 1.0, 2.0, 3.0])}
     assert module._compared(job, columns, 1e-9).within
     short = {name: values[:-1] for name, values in columns.items()}

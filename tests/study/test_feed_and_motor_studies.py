@@ -19,7 +19,7 @@ from cosim.master.simulation import simulate
 from cosim.study import Run, load_study, run_one, run_system
 from cosim.system.system import read_system
 
-STUDIES = Path(__file__).parents[1] / "studies"
+STUDIES = Path(__file__).parents[2] / "studies"
 
 
 def script(path: Path) -> ModuleType:

@@ -20,7 +20,7 @@ from cosim.result.result import Result
 from cosim.study import Outcomes, Status, Study, judge, load_study, run_study
 from cosim.system.system import read_system
 
-STUDIES = Path(__file__).parents[1] / "studies"
+STUDIES = Path(__file__).parents[2] / "studies"
 T_S = 2e-4
 QUANTUM = 1.24e-9
 """Resolution of the position sensor, m: one sample decided the other way moves a closed loop by about as much."""

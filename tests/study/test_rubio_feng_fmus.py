@@ -17,7 +17,7 @@ from cosim.master.simulation import Simulation, simulate
 from cosim.result.result import Result
 from cosim.system.system import make_system, read_system
 
-STUDIES = Path(__file__).parents[1] / "studies"
+STUDIES = Path(__file__).parents[2] / "studies"
 SLOW: dict[str, object] = {"force.amplitude": 46e-3, "force.offset": -26e-3}
 FIT: dict[str, object] = {"controller.mu": 0.25, "controller.lambda_": 3.5}
 LEAD = 0.01 / (2.0 * math.pi)

@@ -17,7 +17,7 @@ from cosim import study
 from cosim.result import metrics
 from cosim.result.result import Result
 
-FOLDER = Path(__file__).resolve().parents[1] / "studies" / "shams2010"
+FOLDER = Path(__file__).resolve().parents[2] / "studies" / "shams2010"
 STUDY = study.load_study(FOLDER)
 UM = 1e6
 

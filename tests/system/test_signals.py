@@ -166,6 +166,7 @@ def test_a_record_that_cannot_serve(folder: Path, signal: dict[str, Any], text: 
     ("connection", "text"),
     [
         ("log.forc -> a.u", "log has no column 'forc'. Did you mean 'force'?"),
+        ("log.der(x,2) -> a.u", "no column 'der(x,2)'. Write derivatives = 2 and smoothing in signals.log.columns.x."),
         ("lg.force -> a.u", "no instance 'lg'. Did you mean 'log'?"),
         ("a.y -> log.force", "'log.force' is of causality output; the right end must be an input."),
         ("a.y -> log.f", "'log' is a record: nothing can be connected to it."),

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fmu_files import Variable, probe_library, write_fmu, write_gain
+from fmu_files import PROBE, Variable, probe_library, write_fmu, write_gain
 
 from cosim.errors import DescriptionError
 from cosim.master.simulation import simulate
@@ -219,6 +220,26 @@ def test_units_are_converted_on_the_way(tmp_path: Path, unit: str, more: str, va
     assert outputs(found)["inner_g.z"] == pytest.approx(value, rel=1e-15)
 
 
+@pytest.mark.parametrize(("transformation", "more"), [(linear(2.0), ""), ("", 'suppressUnitConversion="true"')])
+def test_a_connector_without_unit_forgets_that_of_changed_values(
+    tmp_path: Path, transformation: str, more: str
+) -> None:
+    """What a factor makes of metres at a connector without a unit is not converted any more."""
+    fmu = write_gain(tmp_path, "Gain", "cm", "m")
+    inner = system("inner", gain("g"), ports=connector("in", "input"), wires=wire("in", "g.u"))
+    found = read(package(fmu, system("top", SOURCE + inner, wires=wire("source.z", "inner.in", transformation, more))))
+    assert outputs(found)["inner_g.z"] == (20.0 if transformation else 10.0)
+
+
+def test_units_of_connectors_count_where_the_fmus_have_none(tmp_path: Path) -> None:
+    """The output has no unit, the input has metres: the connector between them says that the values are millimetres."""
+    variables = [replace(v, unit="m" if v.name == "u" else None) for v in PROBE if v.name in ("u", "z", "gain")]
+    fmu = write_fmu(tmp_path / "Gain.fmu", variables, binary=probe_library().read_bytes())
+    inner = system("inner", gain("g"), ports=connector("in", "input", "mm"), wires=wire("in", "g.u"))
+    found = read(package(fmu, system("top", SOURCE + inner, wires=wire("source.z", "inner.in"))))
+    assert outputs(found)["inner_g.z"] == pytest.approx(0.01, rel=1e-15)
+
+
 def test_a_package_is_the_same_after_export(fmu: Path, tmp_path: Path) -> None:
     found = read(package(fmu, system("top", SOURCE + CHAIN, wires=wire("source.z", "inner.in", linear(2.0, 1.0)))))
     for again in (write_ssp(found, tmp_path / "again.ssp"), write_system(found, tmp_path / "again.toml")):
@@ -301,6 +322,14 @@ def test_a_connector_that_nothing_feeds_is_a_constant(fmu: Path, level: str) -> 
     assert outputs(found) == {"inner_g.z": 15.0}
 
 
+def test_of_connectors_in_a_row_the_outermost_value_counts(fmu: Path) -> None:
+    inner = system("inner", gain("g"), ports=connector("in", "input"), values=bound(parameters(**{"in": -1.0})),
+                   wires=wire("in", "g.u"))  # fmt: skip
+    for value, expected in ((bound(parameters(c=7.0)), 7.0), ("", -1.0)):
+        top = system("top", inner, ports=connector("c", "input"), values=value, wires=wire("c", "inner.in"))
+        assert outputs(read(package(fmu, top))) == {"inner_g.z": expected}
+
+
 @pytest.mark.parametrize("kind", ["input", "parameter"])
 def test_connectors_of_the_top_system_give_constants(fmu: Path, kind: str) -> None:
     name = "u" if kind == "input" else "gain"
@@ -312,11 +341,21 @@ def test_connectors_of_the_top_system_give_constants(fmu: Path, kind: str) -> No
     assert outputs(read(package(fmu, top))) == {"g.z": 4.0}
 
 
-def test_constants_are_converted(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("transformation", "more", "value"),
+    [
+        ("", "", 0.005),
+        (linear(2.0, 1.0), "", 1.01),
+        ("", 'suppressUnitConversion="true"', 0.5),  # 5 mm are 0.5 in the unit of the connector
+        (linear(2.0), 'suppressUnitConversion="true"', 1.0),
+    ],
+)
+def test_constants_are_converted(tmp_path: Path, transformation: str, more: str, value: float) -> None:
     fmu = write_gain(tmp_path, "Gain", "m", "m")
-    top = system("top", gain("g"), ports=connector("c", "input", "cm"), values=bound(parameters("Real", "mm", c=5.0)),
-                 wires=wire("c", "g.u"))  # fmt: skip
-    assert outputs(read(package(fmu, top))) == {"g.z": pytest.approx(0.005, rel=1e-15)}
+    ports, values = connector("c", "input", "cm"), bound(parameters("Real", "mm", c=5.0))
+    wires = wire("c", "g.u", transformation, more)
+    found = outputs(read(package(fmu, system("top", gain("g"), ports=ports, values=values, wires=wires))))
+    assert found == {"g.z": pytest.approx(value, rel=1e-15)}
 
 
 def test_what_a_connector_leaves_open_is_noted(fmu: Path) -> None:
@@ -409,6 +448,26 @@ def test_a_mapping_converts_units_first(tmp_path: Path, more: str, transformatio
     values = bound(parameters("Real", "mm", load=5.0), mapping=mapped(entry("load", "g.u", transformation, more)))
     (found,) = outputs(read(package(fmu, system("top", gain("g"), values=values)))).values()
     assert found == pytest.approx(value, rel=1e-15)
+
+
+def test_a_factor_in_a_mapping_leaves_no_unit(tmp_path: Path) -> None:
+    """The connector has no unit, so that nothing says what a factor made of the millimetres."""
+    fmu = write_gain(tmp_path, "Gain", "m", "m")
+    for transformation, expected in (("", 0.005), (linear(2.0), 10.0)):
+        values = bound(parameters("Real", "mm", load=5.0), mapping=mapped(entry("load", "c", transformation)))
+        top = system("top", gain("g"), ports=connector("c", "input"), values=values, wires=wire("c", "g.u"))
+        assert outputs(read(package(fmu, top))) == {"g.z": pytest.approx(expected, rel=1e-15)}
+
+
+@pytest.mark.parametrize(("unit", "value"), [("[mm]", 0.005), ("[h]", 2.5), ("[[m]]", 5.0)])
+def test_units_in_brackets_are_those_inside(tmp_path: Path, unit: str, value: float) -> None:
+    """The set itself says what h is."""
+    fmu = write_gain(tmp_path, "Gain", "[m]", "m")
+    own = '<ssv:Units><ssc:Unit name="h"><ssc:BaseUnit m="1" factor="0.5"/></ssc:Unit></ssv:Units></ssv:ParameterSet>'
+    values = parameters("Real", unit, u=5.0).replace("</ssv:ParameterSet>", own)
+    assert outputs(read(package(fmu, system("top", gain("g", bound(values)))))) == {
+        "g.z": pytest.approx(value, rel=1e-15)
+    }
 
 
 def table(kind: str, *pairs: tuple[str, str]) -> str:
@@ -535,6 +594,24 @@ def test_notes_of_the_file_stay_with_a_changed_system(fmu: Path) -> None:
     found = read(package(fmu, system("top", gain("Motor 1"))))
     assert found.changed(stop_time=2.0).notes == found.notes
     assert found.changed({"Motor_1.gain": 2.0}).notes == found.notes
+
+
+def test_an_integer_may_choose_the_item_of_an_enumeration(tmp_path: Path) -> None:
+    variables = [
+        *(v for v in PROBE if v.name in ("count_in", "count")),
+        Variable("mode", "input", 0, "Enumeration", start="1", items=("low", "high")),
+    ]
+    fmu = write_fmu(tmp_path / "Gain.fmu", variables, binary=probe_library().read_bytes())
+    parts = "".join(f'<ssd:Component name="{name}" source="resources/Gain.fmu"/>' for name in ("a", "b"))
+    values = bound(parameters("Integer", a__count_in=1))
+    # the probe takes both inputs for the same one
+    chosen, counted = (
+        read(package(fmu, system("top", parts, values=values, wires=wire("a.count", f"b.{target}"))))
+        for target in ("mode", "count_in")
+    )
+    assert "connection a.count -> b.mode: its numbers choose items of mode: 1 low, 2 high." in chosen.notes
+    assert outputs(chosen) == outputs(counted)
+    assert outputs(chosen)["b.count"] != 0.0
 
 
 # Where FMUs lie

@@ -153,8 +153,8 @@ def _facts(system: System, problems: list[str], notes: list[str]) -> dict[str, A
                 "factor": connection.factor,
                 "offset": connection.offset,
                 "units": connection.units,
-                **({"added": True} if connection.added else {}),
-                **({"noise": asdict(connection.noise)} if connection.noise is not None else {}),
+                "added": connection.added,
+                "noise": None if connection.noise is None else asdict(connection.noise),
             }
             for connection in system.connections
         ],

@@ -18,7 +18,7 @@ from ..files import write_file
 
 RUNTIME = Path(__file__).with_name("runtime")
 """The folder of the C sources common to all native FMUs."""
-COMMON_SOURCES = ("core.c", "integrator.c", "integrator.h", "sampling.c", "state.c")
+COMMON_SOURCES = ("core.c", "integrator.c", "integrator.h", "log.h", "sampling.c", "state.c")
 SOURCES = ("model.c",)
 LIBRARIES = {"loop.c": "-lm", "model.c": "-lm", "proxy.c": "-ldl"}
 FLAGS = (

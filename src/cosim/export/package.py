@@ -68,7 +68,7 @@ def build_python(kind: type[Component], output: Path, cache: Path, platforms: Se
     traced = trace(kind)
     blank = model_description(traced, "", version, sources=(), native=False)
     embedded = resources(kind)
-    proxy = {name: path.read_bytes() for name, path in (("proxy.c", PROXY), ("fmi2.h", RUNTIME / "fmi2.h"))}
+    proxy = {path.name: path.read_bytes() for path in (PROXY, RUNTIME / "fmi2.h", RUNTIME / "log.h")}
     proxy["contract.h"] = header(2).encode()
     chosen = platforms or (host_platform(),)
     libraries = {name: library(name) for name in chosen}

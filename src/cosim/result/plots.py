@@ -54,7 +54,10 @@ _DISPLAY = {
 }
 
 
+_NO_DATE: Mapping[str, dict[str, None]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+"""Metadata by the ending of the file. With it and the salt, the same picture has the same bytes."""
 _STYLE: dict[str, Any] = {
+    "svg.hashsalt": "cosim",
     "font.size": 9.0,
     "axes.titlesize": 9.0,
     "axes.titlelocation": "left",
@@ -166,7 +169,7 @@ def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: 
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure)
-        figure.savefig(content, format=ending)
+        figure.savefig(content, format=ending, metadata=_NO_DATE.get(ending))
     return content.getvalue()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
@@ -213,7 +214,8 @@ def _checked(
             findings.problem(where, f"'{name}' is a record: nothing can be connected to it.")
         else:
             what = "column" if isinstance(fmu, SignalSource) else causality
-            findings.problem(where, f"{fmu.name} has no {what} '{variable}'.{suggest(variable, known)}")
+            hint = _missing_derivative(fmu, variable) or suggest(variable, known)
+            findings.problem(where, f"{fmu.name} has no {what} '{variable}'.{hint}")
     if len(findings.problems) > before or len(found) < 2:
         return None
     source, target = found
@@ -241,6 +243,14 @@ def _items(variable: Variable) -> str:
     """The first items of an enumeration with their numbers."""
     shown = [f"{number} {name}" for name, number in variable.items.items()]
     return ", ".join(shown[:6]) + (" ..." if len(shown) > 6 else "")
+
+
+def _missing_derivative(port: Ports, variable: str) -> str:
+    """What to write for ``der(x)`` or ``der(x,2)`` of a record that has ``x``, "" for other names."""
+    match = re.fullmatch(r"der\((?P<name>.+?)(,(?P<order>\d))?\)", variable)
+    if match is None or not isinstance(port, SignalSource) or match["name"] not in port.outputs:
+        return ""
+    return f" Write derivatives = {match['order'] or 1} and smoothing in signals.{port.name}.columns.{match['name']}."
 
 
 def _with_units(

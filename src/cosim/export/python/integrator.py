@@ -19,7 +19,7 @@ NODE_IN_STAGE = (0.3888888888888889, -0.1, 1.1925925925925926)
 FROM_NODE = (0.0, 0.1361111111111111, 0.06407785336356765, 0.7035903250188964, -0.3250755857898715)
 FROM_END = (0.14, 0.0518, 0.04201496598639456, -0.1744299319727891, 0.06561496598639456)
 LINEAR_ERROR, REMAINDER_ERROR = 0.625, 1.0 / 32.0
-"""The coefficients of ``attempt`` in integrator.c; tests/test_integrator.py compares them."""
+"""The coefficients of ``attempt`` in integrator.c; tests/export/test_integrator.py compares them."""
 
 TOO_SMALL, TOO_MANY, NOT_FINITE = "STEP_TOO_SMALL", "TOO_MANY_STEPS", "NOT_FINITE"
 """Names of the contract's ``REASONS``."""

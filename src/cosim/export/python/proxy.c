@@ -13,6 +13,7 @@
 
 #include "contract.h"
 #include "fmi2.h"
+#include "log.h"
 
 #if defined _WIN32
 #include <windows.h>
@@ -88,16 +89,11 @@ typedef struct {
     char *name;
 } Instance;
 
-#define EVERY_CATEGORY ~0u
-/* FMI lets an importer switch off what helps to find errors, not the errors. */
-#define ONLY_ERRORS (1u << LOG_ERROR)
-
 /* ---- messages ---- */
 
 static void deliver(const Instance *instance, fmi2Status status, const char *text) {
-    const unsigned category = status == fmi2Warning ? LOG_WARNING : status == fmi2Discard ? LOG_DISCARD : LOG_ERROR;
-    if (!instance->importer.logger) return;
-    if (!(instance->categories & (1u << category | 1u << LOG_ALL))) return;
+    const unsigned category = category_of((int)status);
+    if (!instance->importer.logger || !is_wanted(instance->categories, category)) return;
     instance->importer.logger(instance->importer.componentEnvironment, instance->name, status, category_names[category],
                               text);
 }
@@ -392,13 +388,12 @@ FMI2_EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size
     unsigned categories = 0;
     if (unusable(instance) || missing(instance, names, n, function)) return fmi2Error;
     for (size_t i = 0; i < n; i++) {
-        unsigned k = 0;
-        while (k < N_CATEGORIES && (!names[i] || strcmp(names[i], category_names[k]) != 0)) k++;
-        if (k == N_CATEGORIES) {
+        const unsigned bit = category_bit(names[i]);
+        if (!bit) {
             say(instance, fmi2Error, SAY_UNKNOWN_CATEGORY, function, names[i] ? names[i] : "");
             return fmi2Error;
         }
-        categories |= 1u << k;
+        categories |= bit;
     }
     instance->categories = !on ? ONLY_ERRORS : n ? categories : EVERY_CATEGORY;
     return fmi2OK;

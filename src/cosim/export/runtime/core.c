@@ -15,6 +15,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "log.h"
+
 #if KIND == PLANT
 #include "integrator.c"
 #else
@@ -80,10 +82,6 @@ typedef struct {
     unsigned categories; /* bit of each category that is logged */
 } Instance;
 
-#define EVERY_CATEGORY ~0u
-/* FMI lets an importer switch off what helps to find errors, not the errors. */
-#define ONLY_ERRORS (1u << LOG_ERROR)
-
 /* ---- messages ---- */
 
 static void deliver(const Instance *instance, int status, const char *category, char *text);
@@ -94,8 +92,8 @@ __attribute__((format(printf, 3, 4)))
 static void say(const Instance *instance, int status, const char *format, ...) {
     char text[1024];
     va_list arguments;
-    const unsigned category = status == WARNING ? LOG_WARNING : status == DISCARD ? LOG_DISCARD : LOG_ERROR;
-    if (!(instance->categories & (1u << category | 1u << LOG_ALL))) return;
+    const unsigned category = category_of(status);
+    if (!is_wanted(instance->categories, category)) return;
     va_start(arguments, format);
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
@@ -263,14 +261,13 @@ static Instance *make_instance(const Instance *probe, const char *name, Host hos
 static unsigned named_categories(Instance *instance, size_t n, const char *const names[], const char *function) {
     unsigned categories = 0;
     for (size_t i = 0; i < n; i++) {
-        unsigned k = 0;
-        while (k < N_CATEGORIES && (!names[i] || strcmp(names[i], category_names[k]) != 0)) k++;
-        if (k == N_CATEGORIES) {
+        const unsigned bit = category_bit(names[i]);
+        if (!bit) {
             say(instance, ERROR, SAY_UNKNOWN_CATEGORY, function, names[i] ? names[i] : "");
             fail(instance);
             return 0;
         }
-        categories |= 1u << k;
+        categories |= bit;
     }
     return categories;
 }

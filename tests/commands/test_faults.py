@@ -1,0 +1,97 @@
+"""Commands whose files fail at any moment: no traceback, no lost older file, and what is whole is kept."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from faults import Faults
+from fmu_files import PROBE, probe_library, write_fmu
+
+from cosim.commands import cli
+from cosim.design.dataset import DataSet
+
+SYSTEM = """
+[experiment]
+stop_time = 0.3
+step_size = 0.1
+[instances.a]
+fmu = "a.fmu"
+start = { gain = 0.5 }
+"""
+SWEEP = """
+system = "system.toml"
+[parameters]
+"a.gain" = [0.1, 0.2, 0.3, 0.4]
+[metrics]
+last = { of = "rms", signal = "a.y" }
+"""
+OLDER = "the older file"
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    write_fmu(tmp_path / "a.fmu", PROBE, binary=probe_library().read_bytes())
+    (tmp_path / "system.toml").write_text(SYSTEM, encoding="utf-8")
+    (tmp_path / "sweep.toml").write_text(SWEEP, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def operations(monkeypatch: pytest.MonkeyPatch, command: Callable[[], int]) -> int:
+    """How many operations a command needs when none fails."""
+    with monkeypatch.context() as patched:
+        faults = Faults(patched, 0, errno.EIO, stays=False)
+        assert command() == 0
+    return faults.count
+
+
+@pytest.mark.parametrize("fault", [(errno.ENOSPC, True), (errno.EIO, False)])
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_run(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, apart: bool, fault: tuple[int, bool]
+) -> None:
+    arguments = ["run", "system.toml", "--output", "out.csv", "--plot", "out.svg", *([] if apart else ["--in-process"])]
+    number = operations(monkeypatch, lambda: cli.main(arguments))
+    whole = {name: (folder / name).read_bytes() for name in ("out.csv", "out.svg")}
+    capsys.readouterr()
+    assert number > 10
+    for n in range(1, number + 1):
+        for name in whole:
+            (folder / name).write_text(OLDER, encoding="utf-8")
+        with monkeypatch.context() as patched:
+            Faults(patched, n, fault[0], stays=fault[1])
+            code = cli.main(arguments)
+        printed = capsys.readouterr()
+        assert "Traceback" not in printed.err, n
+        for name, content in whole.items():
+            assert (folder / name).read_bytes() in (content, OLDER.encode()), (n, name)
+        if code == 0:
+            assert all((folder / name).read_bytes() == content for name, content in whole.items()), n
+        else:
+            assert code in (1, 2), n
+            assert printed.err.strip(), n
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_sweep(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, stays: bool) -> None:
+    def command(place: str) -> int:
+        return cli.main(["sweep", "sweep.toml", "--output", place, "--workers", "0"])
+
+    number = operations(monkeypatch, lambda: command("counted"))
+    assert number > 10
+    for n in range(1, number + 1):
+        place = f"data_{n}"
+        with monkeypatch.context() as patched:
+            Faults(patched, n, errno.EIO, stays=stays)
+            code = command(place)
+        printed = capsys.readouterr()
+        assert "Traceback" not in printed.err, n
+        assert code in (0, 1, 2), n
+        assert code == 0 or printed.err.strip(), n
+        # The same command without faults goes on where it was.
+        assert command(place) == 0, n
+        assert DataSet(folder / place).read().to_pydict()["run"] == [0, 1, 2, 3], n
