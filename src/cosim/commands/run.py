@@ -23,11 +23,13 @@ from .systems import given_system, system_arguments
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+    from rich.table import Table
 
     from ..master.instance import RunError
     from ..record.write import RecordWriter
     from ..result.compare import Comparison
     from ..result.result import Result
+    from ..result.summary import Figure
     from ..system.system import System
 
 MOST_BYTES = 2**28
@@ -318,35 +320,57 @@ def _finish(
         print_note(f"note: {note}")
     figures = summary(result)
     code = 0 if well and not bad else 1
+    if options.json:
+        content = _content(result, figures, bad)
+        content["elapsed_seconds"] = time.perf_counter() - begun
+        content["notes"] = [*notes, *_said(result)]
+        content["overlay"] = None if compared is None else comparison_content(compared)
+        files = {"output": options.output, "plot": options.plot, "report": options.report}
+        print_json({**content, **{name: None if file is None else str(file) for name, file in files.items()}})
+        return code
+    console = standard_output()
+    console.print(_table(result, figures))
+    if compared is not None:
+        show_comparison(compared)
+    for file in (options.output, options.plot, options.report):
+        if file is not None and well:
+            console.print(f"Written: {escape(str(file))}", soft_wrap=True)
+    return code
+
+
+def _times(result: Result) -> tuple[float, float]:
+    """Seconds simulated, and how many times faster than real time the steps were."""
     facts = result.metadata
     simulated = facts["steps"] * facts["step_size"]
-    factor = simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
-    if options.json:
-        content = {
-            "system": facts["system"],
-            "system_digest": facts["system_digest"],
-            "partial": result.partial,
-            "steps": facts["steps"],
-            "step_size": facts["step_size"],
-            "simulated_seconds": simulated,
-            "stepping_seconds": facts["stepping_seconds"],
-            "elapsed_seconds": time.perf_counter() - begun,
-            "real_time_factor": factor,
-            "warnings": facts["warnings"],
-            "solver": {name: dict(counts) for name, counts in result.solver.items()},
-            "not_finite": bad,
-            "figures": [
-                {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
-                for row in figures
-            ],
-            "notes": [*notes, *_said(result)],
-            "overlay": None if compared is None else comparison_content(compared),
-            "output": None if options.output is None else str(options.output),
-            "plot": None if options.plot is None else str(options.plot),
-            "report": None if options.report is None else str(options.report),
-        }
-        print_json(content)
-        return code
+    return simulated, simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
+
+
+def _content(result: Result, figures: Sequence[Figure], bad: Mapping[str, float]) -> dict[str, Any]:
+    """The summary for JSON."""
+    facts = result.metadata
+    simulated, factor = _times(result)
+    return {
+        "system": facts["system"],
+        "system_digest": facts["system_digest"],
+        "partial": result.partial,
+        "steps": facts["steps"],
+        "step_size": facts["step_size"],
+        "simulated_seconds": simulated,
+        "stepping_seconds": facts["stepping_seconds"],
+        "real_time_factor": factor,
+        "warnings": facts["warnings"],
+        "solver": {name: dict(counts) for name, counts in result.solver.items()},
+        "not_finite": bad,
+        "figures": [
+            {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None} for row in figures
+        ],
+    }
+
+
+def _table(result: Result, figures: Sequence[Figure]) -> Table:
+    """The summary as a table."""
+    facts = result.metadata
+    simulated, factor = _times(result)
     table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{simulated:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
@@ -362,14 +386,7 @@ def _finish(
     for row in figures:
         value = f"{row.value:.4g}" if isfinite(row.value) else "none"
         table.add_row(escape(row.name), value, escape(row.reason or row.unit))
-    console = standard_output()
-    console.print(table)
-    if compared is not None:
-        show_comparison(compared)
-    for file in (options.output, options.plot, options.report):
-        if file is not None and well:
-            console.print(f"Written: {escape(str(file))}", soft_wrap=True)
-    return code
+    return table
 
 
 def _not_finite(wrong: Mapping[str, float]) -> str:
