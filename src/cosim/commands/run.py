@@ -23,15 +23,19 @@ from .systems import given_system, system_arguments
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+    from rich.table import Table
 
     from ..master.instance import RunError
     from ..record.write import RecordWriter
     from ..result.compare import Comparison
     from ..result.result import Result
+    from ..result.summary import FigureOfMerit, Missing
     from ..system.system import System
 
 MOST_BYTES = 2**28
 """Rows of a run that stay in memory: longer records go to the file as they come, figures are of every n-th row then."""
+_FILES = ("output", "plot", "report")
+"""Options that name files of a run."""
 MAX_SHOWN_MESSAGES = 20
 MAX_SHOWN_TEXT = 1000
 MAX_SHOWN_NAMES = 5
@@ -318,38 +322,59 @@ def _finish(
         print_note(f"note: {note}")
     figures = summary(result)
     code = 0 if well and not bad else 1
-    facts = result.metadata
-    simulated = facts["steps"] * facts["step_size"]
-    factor = simulated / facts["stepping_seconds"] if facts["stepping_seconds"] > 0.0 else float("inf")
+    files = {name: None if (path := getattr(options, name)) is None else str(path) for name in _FILES}
     if options.json:
-        content = {
-            "system": facts["system"],
-            "system_digest": facts["system_digest"],
-            "partial": result.partial,
-            "steps": facts["steps"],
-            "step_size": facts["step_size"],
-            "simulated_seconds": simulated,
-            "stepping_seconds": facts["stepping_seconds"],
-            "elapsed_seconds": time.perf_counter() - begun,
-            "real_time_factor": factor,
-            "warnings": facts["warnings"],
-            "solver": {name: dict(counts) for name, counts in result.solver.items()},
-            "not_finite": bad,
-            "figures": [
-                {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
-                for row in figures
-            ],
-            "notes": [*notes, *_said(result)],
-            "overlay": None if compared is None else comparison_content(compared),
-            "output": None if options.output is None else str(options.output),
-            "plot": None if options.plot is None else str(options.plot),
-            "report": None if options.report is None else str(options.report),
-        }
-        print_json(content)
+        print_json(
+            {
+                **_facts(result, time.perf_counter() - begun),
+                "not_finite": bad,
+                "figures": [
+                    {"name": row.name, "value": row.value, "unit": row.unit, "reason": row.reason or None}
+                    for row in figures
+                ],
+                "notes": [*notes, *_said(result)],
+                "overlay": None if compared is None else comparison_content(compared),
+                **files,
+            }
+        )
         return code
+    console = standard_output()
+    console.print(_table(result, figures))
+    if compared is not None:
+        show_comparison(compared)
+    for file in files.values() if well else ():
+        if file is not None:
+            console.print(f"Written: {escape(file)}", soft_wrap=True)
+    return code
+
+
+def _facts(result: Result, elapsed: float) -> dict[str, Any]:
+    """What is known of a run, for scripts."""
+    facts = result.metadata
+    kept = ("system", "system_digest", "steps", "step_size", "stepping_seconds", "warnings")
+    return {
+        **{name: facts[name] for name in kept},
+        "partial": result.partial,
+        "simulated_seconds": facts["steps"] * facts["step_size"],
+        "elapsed_seconds": elapsed,
+        "real_time_factor": _real_time_factor(result),
+        "solver": {name: dict(counts) for name, counts in result.solver.items()},
+    }
+
+
+def _real_time_factor(result: Result) -> float:
+    facts = result.metadata
+    spent = facts["stepping_seconds"]
+    return facts["steps"] * facts["step_size"] / spent if spent > 0.0 else float("inf")
+
+
+def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
+    """What a run was, what it cost, and its figures of merit."""
+    facts = result.metadata
     table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
-    table.add_row("Simulated", f"{simulated:.9g}", "s")
+    table.add_row("Simulated", f"{facts['steps'] * facts['step_size']:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
+    factor = _real_time_factor(result)
     table.add_row("Time of the steps", f"{facts['stepping_seconds']:.3g}", f"s, {factor:.3g} times real time")
     for instance, counts in result.solver.items():
         if "rhs_evaluations" in counts and facts["steps"]:
@@ -362,14 +387,7 @@ def _finish(
     for row in figures:
         value = f"{row.value:.4g}" if isfinite(row.value) else "none"
         table.add_row(escape(row.name), value, escape(row.reason or row.unit))
-    console = standard_output()
-    console.print(table)
-    if compared is not None:
-        show_comparison(compared)
-    for file in (options.output, options.plot, options.report):
-        if file is not None and well:
-            console.print(f"Written: {escape(str(file))}", soft_wrap=True)
-    return code
+    return table
 
 
 def _not_finite(wrong: Mapping[str, float]) -> str:
