@@ -45,11 +45,11 @@ class Weak:
     """Half of its 95 % interval, 1 for a change of the values by themselves; infinite where nothing depends on it."""
 
     def __str__(self) -> str:
-        size = "not at all" if not self.share < NOTHING else f"to +-{100.0 * self.share:.3g} % only"
+        known = f"known to +-{100.0 * self.share:.3g} % only" if self.share < NOTHING else "not known"
         if len(self.names) == 1:
-            return f"The records tell {self.names[0]} {size}."
+            return f"From the records {self.names[0]} is {known}."
         listed = f"{', '.join(self.names[:-1])} and {self.names[-1]}"
-        return f"The records cannot tell {listed} apart: one combination of them is known {size}."
+        return f"The records cannot tell {listed} apart: one combination of them is {known}."
 
 
 @dataclass(frozen=True)
