@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.design.fit import Comparison, Fitted, fit, sensitivities
+from cosim.design.fit import Fitted, OutputFit, fit, sensitivities
 from cosim.design.fit_file import make_fit
 from cosim.design.friction import identify_friction
 from cosim.errors import DescriptionError
@@ -159,7 +159,7 @@ def physical(fitted: Fitted) -> dict[str, float]:
     return found
 
 
-def ripple_starts(comparison: Comparison, position: Signal) -> dict[str, float]:
+def ripple_starts(comparison: OutputFit, position: Signal) -> dict[str, float]:
     """Amplitude and phase of the torque that the residual of the command shows over the turn.
 
     The loop answers a torque of the plant by one against it: what the measured command has more is that, negative.
