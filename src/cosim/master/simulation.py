@@ -3,8 +3,9 @@
 Time is ``t_k = start_time + k*step_size`` with integer k. It is one multiplication in double, never a sum of steps.
 
 Initialization: instances are created, start values are set, fmi2SetupExperiment is called, and initialization mode is
-entered. Then outputs are propagated along the connections, in the order of feedthrough, until nothing changes. So a
-controller's output at the start is computed from the plant's output at the start. Then initialization mode is left.
+entered. Start values that an FMU has lost by then are set again. Then outputs are propagated along the connections, in
+the order of feedthrough, until nothing changes. So a controller's output at the start is computed from the plant's
+output at the start. Then initialization mode is left.
 
 Sequential order, at each communication point t_k:
 
