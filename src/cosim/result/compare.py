@@ -90,7 +90,7 @@ class Difference:
     rms: float
     mean: float
     relative: float
-    """``rms`` as a share of the rms of a; NaN if a is 0 everywhere."""
+    """``rms`` as a fraction of the rms of a; NaN if a is 0 everywhere."""
     fit: float
     """100 * (1 - norm(b - a) / norm(a - mean(a))) %: the NRMSE fit of system identification; NaN if a does not vary."""
     spectrum: Spectrum | None

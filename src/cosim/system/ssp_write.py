@@ -153,7 +153,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
 def _component(
     elements: ElementTree.Element, instance: Instance, source: str, step_size: Decimal, units: dict[str, Fmu]
 ) -> None:
-    """An instance with its connectors and start values; the units that it uses are added to ``units``."""
+    """Add an instance with its connectors and start values. The units that it uses are added to ``units``."""
     fmu = instance.fmu
     component = _sub(
         elements,
@@ -183,7 +183,10 @@ def _component(
 
 
 def _experiment(root: ElementTree.Element, system: System, sources: Mapping[Path, str]) -> None:
-    """Times for every tool, and in annotations the step for libcosim and what only this project reads."""
+    """Add the DefaultExperiment: start and stop time for every tool, and annotations.
+
+    One annotation has the step size for libcosim; the other has the entries that only this project reads.
+    """
     experiment = _sub(root, "ssd:DefaultExperiment", startTime=str(system.start_time), stopTime=str(system.stop_time))
     holder = _sub(experiment, "ssd:Annotations")
     algorithm = _sub(_sub(holder, "ssc:Annotation", type="com.opensimulationplatform"), "osp:Algorithm")
