@@ -162,8 +162,8 @@ def variable(
 ) -> T:
     """Declare a state, input or output of a ``Record``.
 
-    ``nominal`` is the order of magnitude. The integrator's absolute tolerance of a state is its relative tolerance times
-    ``nominal``. ``discrete`` marks a state of a ``Plant`` that ``update`` sets and that is not integrated.
+    ``nominal`` is the order of magnitude. The absolute tolerance of a state is the relative tolerance of the integrator
+    times ``nominal``. ``discrete`` marks a state of a ``Plant`` that ``update`` sets and that is not integrated.
     """
     metadata = {
         "unit": unit,
