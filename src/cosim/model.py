@@ -54,7 +54,7 @@ Variability = Literal["fixed", "tunable"]
 class Choice(Enum):
     """An enumeration parameter: ``name = number, "description"`` a member.
 
-    Numbers are those of FMI: whole, of 32 bits, each used once, in any order. Raises DescriptionError for others.
+    Numbers are integers of 32 bits, as in FMI. Each is used once; the order is free. Raises DescriptionError for others.
     """
 
     def __init__(self, number: int, description: str = "") -> None:
@@ -84,7 +84,7 @@ class Choice(Enum):
 
 @dataclass(frozen=True)
 class Declaration:
-    """One declaration line: what a parameter or variable is. ``start`` is a tuple for an array."""
+    """The declaration line of a parameter or variable. ``start`` is a tuple for an array."""
 
     name: str
     """Name in FMUs; elements of an array are ``name[1]``, ``name[2]`` ..."""

@@ -337,7 +337,7 @@ def _source(side: System | Result | Record) -> Result | Record:
         return simulate_isolated(side, progress=lambda share: bar.update(share * length, length))
 
 
-# What is shown.
+# Output.
 
 
 def _write(found: Comparison, options: argparse.Namespace, sources: Sequence[Result | Record]) -> bool:

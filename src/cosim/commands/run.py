@@ -81,7 +81,7 @@ def add(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Run a system and show what came out."""
+    """Run a system and show its results. Returns the exit code."""
     begun = time.perf_counter()
     _check(options)
     system = given_system(options)

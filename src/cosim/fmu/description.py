@@ -128,7 +128,7 @@ class Fmu:
 
 
 def read_fmu(path: Path) -> Fmu:
-    """Read the FMU at ``path``, of any version of FMI. Raises DescriptionError for a file that is no readable FMU.
+    """Read the FMU at ``path``, of any version of FMI. Raises DescriptionError if the file is not a readable FMU.
 
     An FMU that can be read but not run has the reasons in ``obstacles``. Broken rules that do no harm are in
     ``findings``.

@@ -42,7 +42,10 @@ _INDEX = re.compile(r"\d+(,\d+)*")
 
 
 def unit_text(text: str) -> str:
-    """The unit in ``text``, as this package writes it. Returns ``text`` without spaces if the unit is not known."""
+    """The unit in ``text``, as this package writes it. ``text`` may have brackets around it.
+
+    If the unit is not known, returns ``text`` without the spaces and brackets around it.
+    """
     text = text.strip()
     text = text[1:-1].strip() if re.fullmatch(r"\[.*\]|\(.*\)", text) else text
     found = _WORDS.get(text, text.translate(_SIGNS))

@@ -1,4 +1,4 @@
-"""Tables in Parquet files and in MAT files (version 5, what MATLAB saves with ``-v7`` or ``-v6``)."""
+"""Tables in Parquet files and in MAT files (version 5, which MATLAB saves with ``-v7`` or ``-v6``)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TEXT = (".csv", ".tsv", ".txt", ".dat")
 
 
 class Table(Protocol):
-    """The columns of a file."""
+    """A file as a table: the common interface of CSV, Parquet and MAT files."""
 
     labels: list[str]
     units: list[str]

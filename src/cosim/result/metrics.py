@@ -381,7 +381,7 @@ class CircularTest(NamedTuple):
     angle: Array
     """Commanded angle travelled since the beginning of the turn, in rad."""
     deviation: Array
-    """Radial deviation, one value a sample."""
+    """Radial deviation, one value for each sample."""
 
 
 def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: float, turn: int = 2) -> CircularTest:

@@ -15,8 +15,8 @@ from .values import decimal, whole
 def check_steps(instances: Mapping[str, Instance], experiment: ExperimentTimes, findings: Findings) -> None:
     """Report step multiples that do not divide the run, and sampling times that do not fit the communication step.
 
-    A sampling time must be a multiple of the instance's communication step, or divide it. If it divides the step, a
-    note says which samples are lost.
+    A sampling time must be a multiple of the instance's communication step, or divide it. If there are several samples
+    in a step, a note says that only the last one is seen.
     """
     for name, instance in instances.items():
         where = f"instances.{name}"

@@ -303,7 +303,7 @@ def _kept(  # noqa: PLR0917
     return record, hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-# ---- what can be changed from run to run ----
+# ---- settings that can be changed for each run ----
 
 _SETTINGS = {"file": "", "time": "", "interpolation": "", "extend": "", "start_time": "s", "sampling_time": "s"}
 """The keys of an entry that can be changed, each with its unit; "" for a text."""
