@@ -54,7 +54,7 @@ Variability = Literal["fixed", "tunable"]
 class Choice(Enum):
     """An enumeration parameter: ``name = number, "description"`` a member.
 
-    Numbers are integers of 32 bits, as in FMI. Each is used once; the order is free. Raises DescriptionError for others.
+    Numbers are integers of 32 bits, as in FMI. Each is used once, in any order. Raises DescriptionError for others.
     """
 
     def __init__(self, number: int, description: str = "") -> None:
