@@ -60,8 +60,8 @@ def test_runs_differ_in_what_is_swept(folder: Path, path: str, values: list[Any]
 @pytest.mark.parametrize(
     ("path", "text"),
     [
-        ("log.fil", "'fil' is nothing to set. Did you mean 'file'?"),
-        ("log.columns.y.factor", "'columns.y.factor' is nothing to set. Did you mean 'columns.x.factor'?"),
+        ("log.fil", "'fil' cannot be set. Did you mean 'file'?"),
+        ("log.columns.y.factor", "'columns.y.factor' cannot be set. Did you mean 'columns.x.factor'?"),
         ("lg.file", "no instance 'lg'"),
     ],
 )

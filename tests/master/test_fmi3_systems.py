@@ -145,7 +145,7 @@ CLOCK = '<Clock name="tick" valueReference="90" causality="input" intervalVariab
 @pytest.mark.parametrize(
     ("header", "said"),
     [
-        ({"more": CLOCK}, "its model has clocks (tick), which no one ticks here"),
+        ({"more": CLOCK}, "its model has clocks (tick), and cosim activates no clocks"),
         ({"interface": "ScheduledExecution"}, "only for scheduled execution"),
         ({"interface": "ModelExchange"}, "only for model exchange"),
     ],

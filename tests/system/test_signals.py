@@ -133,8 +133,11 @@ def test_a_record_of_a_run_keeps_its_units_in_every_form(
     [
         ({"file": "lg.csv"}, "signals.log: {folder}/lg.csv: no such file. Did you mean 'log.csv'?"),
         ({"fille": "log.csv"}, "signals.log.fille: unknown key. Did you mean 'file'?"),
-        ({"interpolation": "lin"}, "signals.log.interpolation: 'lin' is none. Did you mean 'linear'?"),
-        ({"extend": "zero"}, "signals.log.extend: 'zero' is none. Known: hold, repeat, stop."),
+        (
+            {"interpolation": "lin"},
+            "signals.log.interpolation: 'lin' is not one of the values allowed. Did you mean 'linear'?",
+        ),
+        ({"extend": "zero"}, "signals.log.extend: 'zero' is not one of the values allowed. Known: hold, repeat, stop."),
         ({"time": "x"}, "column x: 'mm' is no unit of time."),
         ({"time_unit": "m"}, "column t: 'm' is no unit of time."),
         ({"sampling_time": "often"}, "signals.log.sampling_time: 'often' is no number of seconds."),
@@ -148,7 +151,7 @@ def test_a_record_of_a_run_keeps_its_units_in_every_form(
         ({"columns": {"f": {"column": "force", "factor": "2"}}}, "columns.f.factor: must be a number"),
         ({"columns": {"f": {"column": "force", "derivatives": 1}}}, "say how derivatives are computed"),
         ({"columns": {"f": {"column": "force", "derivatives": 3, "smoothing": "none"}}}, "columns.f.derivatives"),
-        ({"columns": {"f": {"column": "force", "smoothing": "none"}}}, "smoothing is that of derivatives"),
+        ({"columns": {"f": {"column": "force", "smoothing": "none"}}}, "smoothing needs derivatives"),
         (
             {"columns": {"f": {"column": "force", "derivatives": 1, "smoothing": {"window": 1.0}}}},
             "smoothing.window = 1 s is longer than the record, 11 samples of 0.001 s.",
@@ -205,7 +208,7 @@ def test_all_problems_come_at_once(folder: Path) -> None:
         ({"from": ["log.force", "a.y"], "to": "a.u", "factors": [1.0]}, "must be a list of 2 numbers"),
         ({"from": ["log.force", "a.y"], "to": "a.u", "factors": [1.0, "x"]}, '"x" is not a finite number'),
         ({"from": ["a.y", "a.y"], "to": "a.u"}, "'a.y' is in the sum 2 times."),
-        ({"from": "a.y", "to": "a.u", "factors": [1.0]}, "are those of a sum"),
+        ({"from": "a.y", "to": "a.u", "factors": [1.0]}, "belongs to a sum"),
         ({"from": ["log.force", "log.x"], "to": "a.u"}, "unit mm does not match V."),
         (
             {"from": ["a.count", "m.count"], "to": "a.count_in"},

@@ -52,7 +52,7 @@ def add(commands: Any) -> None:
         nargs="+",
         default=[],
         metavar="[NAME=]VALUE",
-        help="of all signals, or of one: 1e-6 (its unit), 2um, or 1%% of the range of A; both kinds add up",
+        help="tolerance of all signals, or of one: 1e-6 (its unit), 2um, or 1%% of the range of A; both kinds add up",
     )
     compare.add_argument(
         "--time-tolerance", metavar="SECONDS", help="B may be this early or late within the tolerances (default: 0)"
@@ -71,7 +71,7 @@ def add(commands: Any) -> None:
     )
     compare.add_argument("--stop-time", metavar="SECONDS", help="end of the runs")
     compare.add_argument("--time", metavar="COLUMN", help="the column of time of records (default: time or t)")
-    compare.add_argument("--sampling-time", metavar="SECONDS", help="of records without a column of time")
+    compare.add_argument("--sampling-time", metavar="SECONDS", help="step of records that have no time column")
     compare.add_argument(
         "--units", action="extend", nargs="+", default=[], metavar="COLUMN=UNIT", help="units that records do not say"
     )
@@ -271,7 +271,7 @@ def _opened(
     if len(sides) == 2:
         records = [_is_record(text) for text in (options.a, options.b)]
         if all(records) and (options.values or options.stop_time is not None):
-            problems.append("--set and --stop-time are of runs, and both sides are records. Leave them out.")
+            problems.append("--set and --stop-time apply to runs, and both sides are records. Leave them out.")
         if records[1] and options.set_b:
             problems.append(f"--set-b is of a run, and {options.b} is a record. Leave it out.")
     if problems:

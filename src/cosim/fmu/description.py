@@ -269,7 +269,7 @@ def _obstacles(model: Any, version: int) -> list[str]:
     clocks = [v.name for v in model.modelVariables if v.type == "Clock"]
     if clocks:
         shown = ", ".join(clocks[:5]) + (" ..." if len(clocks) > 5 else "")
-        return [f"its model has clocks ({shown}), which no one ticks here. Export it without clocks."]
+        return [f"its model has clocks ({shown}), and cosim activates no clocks. Export it without them."]
     return []
 
 

@@ -102,7 +102,7 @@ def _told(model: type[BaseModel], detail: ErrorDetails) -> str:
         text = "none given."
     elif kind == "literal_error":
         allowed = [part.strip().strip("'") for part in str(context["expected"]).replace(" or ", ",").split(",")]
-        text = f"{_shown(given)} is none.{suggest(str(given), allowed)}"
+        text = f"{_shown(given)} is not one of the values allowed.{suggest(str(given), allowed)}"
     elif kind in _WORDS:
         example = _example(model, steps)
         text = f"must be {_WORDS[kind]}, not {_shown(given)}{f': write {example}' if example else ''}."

@@ -113,7 +113,7 @@ def _connections(where: str, item: object, findings: Findings) -> list[Connectio
     else:
         factors = [_finite(f"{where}, factor", table.get("factor", 1), findings)]
         if "factors" in table:
-            findings.problem(f"{where}, factors", "are those of a sum, from = [...]. Write factor.")
+            findings.problem(f"{where}, factors", "belongs to a sum, from = [...]. For one source, write factor.")
     if len(findings.problems) > before:
         return []
     result: list[Connection] = []

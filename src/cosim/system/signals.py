@@ -204,7 +204,7 @@ def _smoothing_said(where: str, column: ColumnData, written: object, findings: F
             "{ window = 0.01, polynomial = 3 } for polynomials fitted to the samples of so many seconds.",
         )
     elif said and not column.derivatives:
-        findings.problem(where, "smoothing is that of derivatives: write derivatives = 1 or 2, or leave it out.")
+        findings.problem(where, "smoothing needs derivatives: write derivatives = 1 or 2, or leave it out.")
     return said == (column.derivatives > 0)
 
 
@@ -319,7 +319,7 @@ def setting(signal: SignalSource, path: str) -> Variable:
         **{f"columns.{name}.{key}": "1" for name in signal.table.get("columns", ()) for key in ("factor", "offset")},
     }
     if path not in known:
-        raise DescriptionError(f"signals.{signal.name}: '{path}' is nothing to set.{suggest(path, known)}")
+        raise DescriptionError(f"signals.{signal.name}: '{path}' cannot be set.{suggest(path, known)}")
     variable = _variable(path, known[path], f"{path} of signal {signal.name}")
     return replace(variable, causality="parameter", type="Real" if known[path] else "String")
 
