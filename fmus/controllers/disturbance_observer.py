@@ -25,8 +25,9 @@ class DisturbanceObserver(Controller):
 
     y starts so that the first estimate is 0. The estimate is the force that pushes towards positive position in
     addition to applied_force. Controllers subtract it. Friction opposes motion, so its estimate is negative for
-    positive velocity. (Observers of a load force have the opposite sign and are added.) applied_force is the whole realised
-    force of the motor, after the limit and including the correction by this estimate: a controller's ``force``.
+    positive velocity. (Observers of a load force have the opposite sign and are added.) applied_force is the whole
+    realised force of the motor, after the limit and including the correction by this estimate: a controller's
+    ``force``.
 
     The estimate does not depend on applied_force of the same sample, so there is no algebraic loop with the
     controller. But the force of a sample is known only after the estimate: in a master that runs the observer
