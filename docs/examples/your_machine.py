@@ -27,7 +27,7 @@ N_PER_V = 0.2 / (0.01 / 6.283185307179586)
 look = identify_friction(record.path, position="position", force="command", factor=N_PER_V, force_unit="N")
 for value in look.values:
     told = f"{value.value:.4g} +- {value.deviation:.2g} {value.unit}" if value.excited else "not excited"
-    print(f"{value.name:14} {told:28} {value.why}")
+    print(f"{value.name:25} {told:28} {value.why}")
 plot_friction(look, RESULTS / "friction.png", title="First values")
 
 # %% The log replayed: the reference that was logged drives the loop of FMUs

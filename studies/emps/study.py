@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.design.fit import Comparison, Fitted, fit, sensitivities
+from cosim.design.fit import Fitted, OutputFit, fit, sensitivities
 from cosim.design.fit_file import make_fit
 from cosim.design.friction import identify_friction
 from cosim.errors import DescriptionError
@@ -159,7 +159,7 @@ def physical(fitted: Fitted) -> dict[str, float]:
     return found
 
 
-def ripple_starts(comparison: Comparison, position: Signal) -> dict[str, float]:
+def ripple_starts(comparison: OutputFit, position: Signal) -> dict[str, float]:
     """Amplitude and phase of the torque ripple over a turn, from the residual of the command.
 
     The loop compensates a torque of the plant by an opposite one. So the ripple is minus the torque by which the
@@ -259,15 +259,16 @@ def least_squares(data: Path) -> dict[str, float]:
     )
     names = {
         "inertia": "M",
-        "F_v": "Fv",
-        "F_C": "Fc",
+        "viscous friction": "Fv",
+        "Coulomb friction": "Fc",
         "offset": "offset",
-        "F_v positive": "Fv_positive",
-        "F_v negative": "Fv_negative",
-        "F_C positive": "Fc_positive",
-        "F_C negative": "Fc_negative",
+        "viscous friction positive": "Fv_positive",
+        "viscous friction negative": "Fv_negative",
+        "Coulomb friction positive": "Fc_positive",
+        "Coulomb friction negative": "Fc_negative",
     }
-    excited = {f"excites_{name}": float(look.value(name).excited) for name in ("F_S", "sigma_0")}
+    slow = {"F_S": "break-away friction", "sigma_0": "presliding stiffness"}
+    excited = {f"excites_{short}": float(look.value(name).excited) for short, name in slow.items()}
     return {short: look.value(name).value for name, short in names.items()} | excited | {"slow_share": look.slow_share}
 
 

@@ -35,13 +35,13 @@ def stage() -> FrictionLook:
     [
         # The delay of the position and the falling part of the curve, which the straight law does not have, cost 2 %.
         ("inertia", STAGE["m"] + STAGE["J_rot"] / STAGE["l_p"] ** 2, 0.03),
-        ("F_C", STAGE["F_C"] / STAGE["l_p"], 0.02),
-        ("F_C positive", STAGE["F_C"] / STAGE["l_p"], 0.02),
-        ("F_C negative", STAGE["F_C"] / STAGE["l_p"], 0.02),
-        ("F_v", STAGE["sigma_2"] / STAGE["l_p"] ** 2, 0.02),
+        ("Coulomb friction", STAGE["F_C"] / STAGE["l_p"], 0.02),
+        ("Coulomb friction positive", STAGE["F_C"] / STAGE["l_p"], 0.02),
+        ("Coulomb friction negative", STAGE["F_C"] / STAGE["l_p"], 0.02),
+        ("viscous friction", STAGE["sigma_2"] / STAGE["l_p"] ** 2, 0.02),
         # The largest of noisy samples while the stage begins to run lies above the break-away force.
-        ("F_S", STAGE["F_S"] / STAGE["l_p"], 0.10),
-        ("sigma_0", STAGE["sigma_0"] / STAGE["l_p"] ** 2, 0.05),
+        ("break-away friction", STAGE["F_S"] / STAGE["l_p"], 0.10),
+        ("presliding stiffness", STAGE["sigma_0"] / STAGE["l_p"] ** 2, 0.05),
     ],
 )
 def test_first_values_of_the_made_up_stage(stage: FrictionLook, name: str, truth: float, share: float) -> None:
@@ -74,12 +74,12 @@ def fast_motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_a_log_without_slow_motion_tells_sliding_and_no_presliding() -> None:
     look = friction_from_signals(*fast_motion())
     assert look.value("inertia").value == pytest.approx(90.0, rel=0.01)
-    assert look.value("F_C").value == pytest.approx(20.0, rel=0.03)
-    assert look.value("F_v").value == pytest.approx(200.0, rel=0.01)
-    for name in ("F_S", "sigma_0"):
+    assert look.value("Coulomb friction").value == pytest.approx(20.0, rel=0.03)
+    assert look.value("viscous friction").value == pytest.approx(200.0, rel=0.01)
+    for name in ("break-away friction", "presliding stiffness"):
         assert not look.value(name).excited
         assert math.isnan(look.value(name).value)
-    assert look.value("F_S").why == "the machine never starts from rest"
+    assert look.value("break-away friction").why == "the machine never starts from rest"
 
 
 def test_constant_speed_tells_no_inertia_and_does_not_part_friction() -> None:
@@ -87,7 +87,7 @@ def test_constant_speed_tells_no_inertia_and_does_not_part_friction() -> None:
     random = np.random.default_rng(0)
     x = 0.1 * t + 1e-7 * random.standard_normal(len(t))
     look = friction_from_signals(t, x, 40.0 + 0.2 * random.standard_normal(len(t)))
-    for name in ("inertia", "F_C", "F_v", "offset", "F_C negative"):
+    for name in ("inertia", "Coulomb friction", "viscous friction", "offset", "Coulomb friction negative"):
         assert not look.value(name).excited, name
 
 
@@ -104,7 +104,7 @@ def test_a_torque_and_an_angle_give_an_inertia_of_rotation() -> None:
     look = friction_from_signals(t, found.y[0], drive, unit="N.m", length="rad")
     assert look.value("inertia").unit == "kg.m2"
     assert look.value("inertia").value == pytest.approx(2e-3, rel=0.01)
-    assert look.value("F_C").value == pytest.approx(0.05, rel=0.05)
+    assert look.value("Coulomb friction").value == pytest.approx(0.05, rel=0.05)
 
 
 def test_a_log_in_which_nothing_moves_is_refused() -> None:
@@ -133,7 +133,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     picture = tmp_path / "friction.png"
     assert main([*arguments, "--json", "--plot", str(picture)]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["values"]["sigma_0"]["excited"]
+    assert told["values"]["presliding stiffness"]["excited"]
     assert picture.stat().st_size > 10_000
     assert main([*arguments, "--window", "1.0", "1.02"]) == 2
     assert "too few" in capsys.readouterr().err

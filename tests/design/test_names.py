@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from cosim.design.names import axis_names, nctf_names
+from cosim.system.signals import SignalData
 from cosim.system.system import read_system
 
 ROOT = Path(__file__).parents[2]
@@ -17,7 +18,7 @@ FMUS = [path for path in (ROOT / "fmus").glob("*/*.py") if path.parent.name != "
 
 
 def declared() -> set[str]:
-    """Names of fields in the classes of components that are neither a single letter nor a plain word in lower case."""
+    """Names of fields in the classes of components: no single letter, no plain word, and no key of a system file."""
     names: set[str] = set()
     for path in FMUS:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -27,7 +28,7 @@ def declared() -> set[str]:
                     for item in node.body
                     if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
                 }
-    return {name for name in names if not re.fullmatch(r"[a-z]+|.", name)}
+    return {name for name in names - {*SignalData.model_fields} if not re.fullmatch(r"[a-z]+|.", name)}
 
 
 def texts(path: Path) -> list[str]:

@@ -39,7 +39,7 @@ def test_figures_of_a_difference_of_known_shape() -> None:
     assert found.at == 0.0
     assert found.rms == pytest.approx(math.hypot(1e-6 / math.sqrt(2.0), 3e-7), rel=1e-3)
     assert found.mean == pytest.approx(3e-7, rel=1e-3)
-    assert found.relative == pytest.approx(1.3e-6 / 1e-2, rel=1e-6)
+    assert found.relative == pytest.approx(found.rms / (5e-3 / math.sqrt(2.0)), rel=1e-3)
     # norm(off)/norm(a) with rms of a 5e-3/sqrt(2)
     assert found.fit == pytest.approx(100.0 * (1.0 - found.rms / (5e-3 / math.sqrt(2.0))), rel=1e-6)
     assert found.unit == "m"

@@ -355,10 +355,11 @@ def show_comparison(found: Comparison) -> None:
     console = standard_output()
     for note in (f"Compared: {found.how}.", *found.notes):
         console.print(escape(note), soft_wrap=True)
-    headings = ("Signal", "Unit", "Largest", "at [s]", "rms", "Fit [%]")
+    headings = ("Signal", "Unit", "Largest", "at [s]", "rms", "rms [%]", "Fit [%]")
     table = make_table(*headings, right=headings[2:], whole=headings[2:], title=f"{found.b} minus {found.a}")
     for entry in found.differences:
-        numbers = [_number(entry.maximum), f"{entry.at:.7g}", _number(entry.rms)]
+        numbers = [_number(entry.maximum, 3), f"{entry.at:.7g}", _number(entry.rms, 3)]
+        numbers.append(_number(100.0 * entry.relative, 3))
         numbers.append(f"{entry.fit:.6g}" if math.isfinite(entry.fit) else "none")
         table.add_row(escape(_name(entry)), escape(entry.unit), *numbers)
     console.print(table)
@@ -377,8 +378,8 @@ def show_comparison(found: Comparison) -> None:
         console.print(line, soft_wrap=True)
 
 
-def _number(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "none"
+def _number(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}g}" if math.isfinite(value) else "none"
 
 
 def _name(entry: Difference) -> str:

@@ -55,7 +55,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class OutputFit:
     """The comparison of a record with the system, for one output."""
 
     record: str
@@ -85,7 +85,7 @@ class Fitted:
     estimates: tuple[Estimate, ...]
     correlation: Array
     weak: tuple[Weak, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[OutputFit, ...]
     converged: bool
     message: str
     held: tuple[str, ...]
@@ -224,11 +224,11 @@ def _estimates(solver: Solver, z: Array, known: Spread, effects: Sequence[Mappin
     return found
 
 
-def _comparisons(solver: Solver, z: Array) -> tuple[Comparison, ...]:
+def _comparisons(solver: Solver, z: Array) -> tuple[OutputFit, ...]:
     """The comparisons of all records with the system, including the records for validation."""
     point = solver.coordinates.back(z)
     of_runs = solver.runs.traces([point], solver.fit.records)[0]
-    found: list[Comparison] = []
+    found: list[OutputFit] = []
     for record, of_run in zip(solver.fit.records, of_runs, strict=True):
         if isinstance(of_run, CosimError):
             raise SimulationError(f"record {record.name}: the run with the fitted values failed: {of_run}")
@@ -239,13 +239,13 @@ def _comparisons(solver: Solver, z: Array) -> tuple[Comparison, ...]:
     return tuple(found)
 
 
-def _compared(record: FitRecord, output: Output, shown: Array) -> Comparison:
+def _compared(record: FitRecord, output: Output, shown: Array) -> OutputFit:
     time, measured = record.time[record.part], record.values[output.name][record.part]
     about = record.references.get(output.name)
     figures = agreement(measured, shown, None if about is None else about[record.part])
     laps = math.nan if record.period is None else repeatability(time, measured, record.period)
     found = peaks(time, measured - shown)
-    return Comparison(
+    return OutputFit(
         record.name,
         output.name,
         output.unit,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from ..result.compare import spectrum
 from ..result.plots import Panel, Series
 from ..result.report import Cell, Chart, Notes, Section, Table, Text, write_report
-from .fit import Comparison, Fitted
-from .fit_statistics import spectrum
+from .fit import Fitted, OutputFit
 
 
 def write_page(fitted: Fitted, path: Path) -> Path:
@@ -75,13 +75,14 @@ def _residuals(fitted: Fitted) -> list[Text | Chart]:
     for record in dict.fromkeys(c.record for c in fitted.comparisons):
         panels: list[Panel] = []
         for c in _of(fitted, record):
-            frequency, density = spectrum(c.time, c.measured - c.expected)
+            found = spectrum(c.time, c.measured - c.expected)
+            frequency, density = found.frequency, found.density
             noise = next(output.noise for output in fitted.fit.outputs if output.name == c.output)
             # The density of white noise with this standard deviation, up to half of the sampling frequency.
             level = noise / math.sqrt(float(frequency[-1]))
             lines = (
-                Series("difference", frequency[1:], density[1:], 2),
-                Series("noise", frequency[1:], 0.0 * density[1:] + level, 7, dashed=True),
+                Series("difference", frequency, density, 2),
+                Series("noise", frequency, 0.0 * density + level, 7, dashed=True),
             )
             panels.append(Panel(c.output, f"{c.unit}/Hz0.5", lines, log=True))
         parts.append(Chart(panels, f"Record {record}: density of the difference.", "Frequency", "Hz", log_x=True))
@@ -133,5 +134,5 @@ def _share(fitted: Fitted) -> float:
     return fitted.run_seconds / (fitted.workers * fitted.seconds)
 
 
-def _of(fitted: Fitted, record: str) -> list[Comparison]:
+def _of(fitted: Fitted, record: str) -> list[OutputFit]:
     return [c for c in fitted.comparisons if c.record == record]

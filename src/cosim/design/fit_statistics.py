@@ -14,10 +14,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
 
 import numpy as np
 
+from ..result.compare import spectrum
 from ..result.metrics import Array
 
 NORMAL = 1.959963984540054
@@ -46,11 +46,11 @@ class Weak:
     """Half width of its 95 % interval as a share of the values; infinite if no residual depends on it."""
 
     def __str__(self) -> str:
-        size = "not at all" if not self.share < NOTHING else f"to +-{100.0 * self.share:.3g} % only"
+        known = f"known to +-{100.0 * self.share:.3g} % only" if self.share < NOTHING else "not known"
         if len(self.names) == 1:
-            return f"The records tell {self.names[0]} {size}."
+            return f"From the records {self.names[0]} is {known}."
         listed = f"{', '.join(self.names[:-1])} and {self.names[-1]}"
-        return f"The records cannot tell {listed} apart: one combination of them is known {size}."
+        return f"The records cannot tell {listed} apart: one combination of them is {known}."
 
 
 @dataclass(frozen=True)
@@ -199,20 +199,10 @@ class Peak:
     """Share of the signal's power that lies near this frequency."""
 
 
-def spectrum(time: Array, signal: Array) -> tuple[Array, Array]:
-    """Frequencies in Hz and amplitude density (unit/sqrt(Hz)) of a signal, after Welch; its mean is left out."""
-    from scipy import signal as _signal
-
-    step = float(np.median(np.diff(time)))
-    length = min(len(signal), max(64, len(signal) // 4))
-    frequency, power = cast(Any, _signal).welch(signal - np.mean(signal), fs=1.0 / step, nperseg=length)
-    return cast(Array, frequency), np.sqrt(cast(Array, power))
-
-
 def peaks(time: Array, signal: Array, count: int = 3) -> tuple[Peak, ...]:
     """The frequencies around which most of the power of a signal lies, the largest first."""
-    frequency, density = spectrum(time, signal)
-    power = density**2
+    found_spectrum = spectrum(time, signal)
+    frequency, power = found_spectrum.frequency, found_spectrum.density**2
     total = float(np.sum(power))
     found: list[Peak] = []
     left = power.copy()

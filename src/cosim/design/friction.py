@@ -5,10 +5,10 @@ shift, so they stay synchronous. In motion
 
     force = inertia*acceleration + F_C*sign(velocity) + F_v*velocity + offset
 
-is solved by least squares, for both directions together and with F_C and F_v of each direction. The force minus
-inertia*acceleration, over the speed and for each direction, is the friction curve. After a standstill, the largest
-force before the machine slides is the break-away force. The slope of friction over position where friction passes 0
-is the presliding stiffness: there the bristles bend but do not slip yet, in both directions.
+holds by least squares: once for both directions together, once with the Coulomb friction F_C and the viscous friction
+F_v of each direction. The force less the inertia force, over the speed, is the friction curve of a direction. The
+break-away force is the largest force between a standstill and the start of motion. The presliding stiffness is the
+slope of friction over position where friction passes 0: there the bristles are bent and do not slip yet.
 
 Source: Savitzky & Golay, Analytical Chemistry 36(8), 1964; Janot, Gautier & Brunot, Data set and reference models of
 EMPS, 2019 (least squares over filtered signals); Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30(7), 1994
@@ -173,7 +173,7 @@ def plot_friction(look: FrictionLook, path: Path, *, title: str = "") -> None:
     def draw(figure: Any) -> None:
         axes = figure.add_subplot()
         for curve, name, colour in ((look.positive, "positive", COLOURS[0]), (look.negative, "negative", COLOURS[1])):
-            values = [look.value(f"F_C {name}"), look.value(f"F_v {name}")]
+            values = [look.value(f"Coulomb friction {name}"), look.value(f"viscous friction {name}")]
             axes.errorbar(
                 1e3 * curve.velocity, curve.friction, yerr=curve.spread, fmt="o", ms=3, color=colour, label=name
             )
@@ -236,12 +236,17 @@ class _Look:
         sign = np.sign(v)
         one, per = self.unit, f"{self.unit}.s/{self.length}"
         mass = ("inertia", a, self._mass_unit())
-        symmetric = [mass, ("F_C", sign, one), ("F_v", v, per), ("offset", np.ones_like(v), one)]
+        symmetric = [
+            mass,
+            ("Coulomb friction", sign, one),
+            ("viscous friction", v, per),
+            ("offset", np.ones_like(v), one),
+        ]
         found = self._solved(symmetric, u)
         up, down = v > 0.0, v < 0.0
         directions = [mass]
         for name, part in (("positive", up), ("negative", down)):
-            directions += [(f"F_C {name}", sign * part, one), (f"F_v {name}", v * part, per)]
+            directions += [(f"Coulomb friction {name}", sign * part, one), (f"viscous friction {name}", v * part, per)]
         sided = self._solved(directions, u)[1:]
         return found[0], found[1:], sided
 
@@ -313,15 +318,19 @@ class _Look:
             if last - first + 1 >= self.size and np.all(slides):
                 peaks.append(float(np.max(np.abs(friction[max(first, begin - self.size) : begin + self.size]))))
         if not peaks:
-            return Value("F_S", math.nan, math.nan, self.unit, False, "the machine never starts from rest")
+            return Value(
+                "break-away friction", math.nan, math.nan, self.unit, False, "the machine never starts from rest"
+            )
         spread = float(np.std(peaks)) if len(peaks) > 1 else math.nan
-        return Value("F_S", float(np.mean(peaks)), spread, self.unit, True, f"{len(peaks)} starts from rest")
+        return Value(
+            "break-away friction", float(np.mean(peaks)), spread, self.unit, True, f"{len(peaks)} starts from rest"
+        )
 
     def _stiffness(self, friction: Array, coulomb: float) -> Value:
         """Presliding stiffness: slope of friction over position where friction passes 0, as in Dahl's law."""
         per = f"{self.unit}/{self.length}"
         if not math.isfinite(coulomb) or coulomb <= 0.0:
-            return Value("sigma_0", math.nan, math.nan, per, False, "the sliding friction is not known")
+            return Value("presliding stiffness", math.nan, math.nan, per, False, "the sliding friction is not known")
         inside = np.abs(friction) < PRESLIDING * coulomb
         edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
         slopes: list[float] = []
@@ -335,9 +344,9 @@ class _Look:
                 slopes.append(float(np.polyfit(x, f, 1)[0]))
         if len(slopes) < 2:
             why = f"in {len(slopes)} of {passes} passes through 0 friction changes slowly enough for the sampling"
-            return Value("sigma_0", math.nan, math.nan, per, False, why)
+            return Value("presliding stiffness", math.nan, math.nan, per, False, why)
         why = f"{len(slopes)} of {passes} passes through 0"
-        return Value("sigma_0", float(np.median(slopes)), float(np.std(slopes)), per, True, why)
+        return Value("presliding stiffness", float(np.median(slopes)), float(np.std(slopes)), per, True, why)
 
 
 def _filter(size: int, order: int, step: float) -> Array:

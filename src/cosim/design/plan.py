@@ -13,14 +13,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, SimulationError, suggest
 from ..fmu.places import shipped_file
 from ..fmu.tables import checked
 from ..fmu.text import read_toml
 from ..fmu.variables import Variable
 from ..result import metrics as figures
 from ..result.result import Result
-from ..result.summary import tracking
+from ..result.summary import not_finite, tracking
 from ..system.signals import setting
 from ..system.system import System, read_system
 from ..system.values import start_value
@@ -56,7 +56,15 @@ FUNCTIONS: Mapping[str, Callable[[figures.Array, figures.Array], float]] = {
 
 
 def measure(result: Result, wanted: Sequence[Metric], window: tuple[float, float]) -> dict[str, float]:
-    """The figures of a run within ``window`` (begin and end in s); without ``wanted``, the tracking figures."""
+    """The figures of a run within ``window`` (begin and end in s); without ``wanted``, the tracking figures.
+
+    Raises SimulationError if a signal that a figure needs is not finite.
+    """
+    wrong = not_finite(result)
+    if wanted:
+        wrong = {name: since for name, since in wrong.items() if name in {metric.signal for metric in wanted}}
+    if wrong:
+        raise SimulationError("; ".join(f"{name} is not finite from {since:.9g} s on" for name, since in wrong.items()))
     if not wanted:
         return tracking(result, window)
     part = figures.window(result.time, *window)

@@ -3,8 +3,9 @@
 Time is ``t_k = start_time + k*step_size`` with integer k, one multiplication in double, never a sum.
 
 Initialization: instances are created, start values set, fmi2SetupExperiment called, initialization mode entered.
-There the outputs are propagated along the connections, in the order of feedthrough, until nothing changes; so a
-controller's output at the start is computed from the plant's real start. Then initialization mode is left.
+There the start values that an FMU has lost by then are set once more, and the outputs are propagated along the
+connections, in the order of feedthrough, until nothing changes; so a controller's output at the start is computed from
+the plant's real start. Then initialization mode is left.
 
 Sequential order, at each communication point t_k:
 

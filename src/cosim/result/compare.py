@@ -83,7 +83,7 @@ class Difference:
     rms: float
     mean: float
     relative: float
-    """``maximum`` as a share of the range (largest minus smallest) of a; NaN if a does not vary."""
+    """``rms`` as a share of the rms of a; NaN if a is 0 everywhere."""
     fit: float
     """100 * (1 - norm(b - a) / norm(a - mean(a))) %: the NRMSE fit of system identification; NaN if a does not vary."""
     spectrum: Spectrum | None
@@ -223,7 +223,7 @@ def _difference(
     a, b = values
     off = b - a
     finite = bool(np.all(np.isfinite(off)))
-    span = float(np.ptp(a)) if finite else math.nan
+    size = rms(a) if finite else math.nan
     norm = float(np.linalg.norm(a - np.mean(a))) if finite else math.nan
     tube = None if tolerance is None else _tube(time, a, tolerance)
     return Difference(
@@ -235,7 +235,7 @@ def _difference(
         at=float(time[int(np.argmax(np.abs(off)))]),
         rms=rms(off),
         mean=mean(off),
-        relative=max_abs(off) / span if span > 0.0 else math.nan,
+        relative=rms(off) / size if size > 0.0 else math.nan,
         fit=100.0 * (1.0 - float(np.linalg.norm(off)) / norm) if norm > 0.0 else math.nan,
         spectrum=spectrum(time, off) if finite and np.any(off) and time.size >= 2 * SEGMENTS else None,
         tube=tube,

@@ -34,13 +34,11 @@ def comparison_rows(found: Comparison) -> list[Figure]:
             FigureOfMerit(f"{head}: difference, rms", entry.rms, entry.unit),
             FigureOfMerit(f"{head}: difference, mean", entry.mean, entry.unit),
         ]
-        if math.isfinite(entry.fit):
-            rows += [
-                FigureOfMerit(f"{head}: largest difference, of the range of {found.a}", 100.0 * entry.relative, "%"),
-                FigureOfMerit(f"{head}: fit (NRMSE)", entry.fit, "%"),
-            ]
-        else:
-            rows.append(Missing(f"{head}: fit (NRMSE)", f"{found.a} does not vary"))
+        if math.isfinite(entry.relative):
+            rows.append(FigureOfMerit(f"{head}: rms, relative to that of {found.a}", 100.0 * entry.relative, "%"))
+        fit = f"{head}: fit (NRMSE)"
+        varies = math.isfinite(entry.fit)
+        rows.append(FigureOfMerit(fit, entry.fit, "%") if varies else Missing(fit, f"{found.a} does not vary"))
         if entry.spectrum is not None and entry.rms > 0.0:
             said = f"{head}: largest component, at {entry.spectrum.peak_frequency:.4g} Hz"
             rows.append(FigureOfMerit(said, entry.spectrum.peak_amplitude, entry.unit))

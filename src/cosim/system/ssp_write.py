@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 from urllib.parse import quote
@@ -19,7 +20,7 @@ from ..fmu.description import Fmu
 from ..fmu.variables import Value, Variable
 from ..fmu.xml import document
 from ..units import BASE_UNITS
-from .parts import Connection
+from .parts import Connection, Instance
 from .ssp_integers import with_integers
 from .ssp_names import ANNOTATION, NAMESPACES, tag
 from .written import connection_entries, record_files, record_names, signal_tables, unique_names
@@ -123,32 +124,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
     elements = _sub(top, "ssd:Elements")
     units: dict[str, Fmu] = {}
     for instance in system.instances:
-        fmu = instance.fmu
-        component = _sub(
-            elements,
-            "ssd:Component",
-            name=instance.name,
-            type="application/x-fmu-sharedlibrary",
-            source=quote(sources[fmu.path]),
-            implementation="CoSimulation",
-        )
-        if fmu.description:
-            component.set("description", fmu.description)
-        connectors = _sub(component, "ssd:Connectors")
-        for name in (*fmu.inputs, *fmu.outputs):
-            variable = fmu.variables[name]
-            connector = _sub(connectors, "ssd:Connector", name=name, kind=variable.causality)
-            _type(connector, variable, fmu, units)
-        if instance.start:
-            bindings = _sub(component, "ssd:ParameterBindings")
-            values = _sub(_sub(bindings, "ssd:ParameterBinding"), "ssd:ParameterValues")
-            values.append(parameter_set(fmu, instance.start))
-        if instance.step_multiple != 1:
-            holder = _sub(component, "ssd:Annotations")
-            own = _sub(holder, "ssc:Annotation", type=ANNOTATION)
-            _sub(own, "cosim:Instance", stepMultiple=str(instance.step_multiple))
-            hint = _sub(holder, "ssc:Annotation", type="com.opensimulationplatform")
-            _sub(hint, "osp:StepSizeHint", value=str(system.step_size * instance.step_multiple))
+        _component(elements, instance, quote(sources[instance.fmu.path]), system.step_size, units)
     connections = _sub(top, "ssd:Connections")
     for connection in system.connections:
         if _is_own(system, connection):
@@ -170,6 +146,44 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
     master = {"description": "oms-ma", "stepSize": str(system.step_size), "relativeTolerance": tolerance}
     _sub(_sub(holder, "oms:SimulationInformation"), "oms:FixedStepMaster", **master)
     _units(root, "ssd:Units", units)
+    _experiment(root, system, sources)
+    return document(root)
+
+
+def _component(
+    elements: ElementTree.Element, instance: Instance, source: str, step_size: Decimal, units: dict[str, Fmu]
+) -> None:
+    """An instance with its connectors and start values; the units that it uses are added to ``units``."""
+    fmu = instance.fmu
+    component = _sub(
+        elements,
+        "ssd:Component",
+        name=instance.name,
+        type="application/x-fmu-sharedlibrary",
+        source=source,
+        implementation="CoSimulation",
+    )
+    if fmu.description:
+        component.set("description", fmu.description)
+    connectors = _sub(component, "ssd:Connectors")
+    for name in (*fmu.inputs, *fmu.outputs):
+        variable = fmu.variables[name]
+        connector = _sub(connectors, "ssd:Connector", name=name, kind=variable.causality)
+        _type(connector, variable, fmu, units)
+    if instance.start:
+        bindings = _sub(component, "ssd:ParameterBindings")
+        values = _sub(_sub(bindings, "ssd:ParameterBinding"), "ssd:ParameterValues")
+        values.append(parameter_set(fmu, instance.start))
+    if instance.step_multiple != 1:
+        holder = _sub(component, "ssd:Annotations")
+        own = _sub(holder, "ssc:Annotation", type=ANNOTATION)
+        _sub(own, "cosim:Instance", stepMultiple=str(instance.step_multiple))
+        hint = _sub(holder, "ssc:Annotation", type="com.opensimulationplatform")
+        _sub(hint, "osp:StepSizeHint", value=str(step_size * instance.step_multiple))
+
+
+def _experiment(root: ElementTree.Element, system: System, sources: Mapping[Path, str]) -> None:
+    """Times for every tool, and in annotations the step for libcosim and what only this project reads."""
     experiment = _sub(root, "ssd:DefaultExperiment", startTime=str(system.start_time), stopTime=str(system.stop_time))
     holder = _sub(experiment, "ssd:Annotations")
     algorithm = _sub(_sub(holder, "ssc:Annotation", type="com.opensimulationplatform"), "osp:Algorithm")
@@ -187,7 +201,6 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
             "signals": signal_tables(system, sources),
         }
         _sub(own, "cosim:Document").text = json.dumps(more, default=float, ensure_ascii=False)
-    return document(root)
 
 
 def _transformation(element: ElementTree.Element, connection: Connection) -> None:

@@ -38,7 +38,7 @@
     const last = place.classList.contains("last");
     const traces = panel.lines.map((line) => ({
       type: "scatter", mode: line.x.length > 16 ? "lines" : "lines+markers", name: plain(line.label), x: numbers(line.x), y: numbers(line.y),
-      line: { color: c.lines[line.colour], width: 1.3, dash: line.dashed ? "dash" : "solid" }, connectgaps: false,
+      line: { color: c.lines[line.colour], width: 1.3, dash: line.dashed ? "dash" : "solid" }, connectgaps: false, showlegend: line.label !== "",
       hovertemplate: "%{y:.6g}",
     }));
     const layout = {
