@@ -43,8 +43,8 @@ FLANK = 1e-9
 def contact_rules(prefix: str, F_C: float, F_S: float, F_C_negative: float, F_S_negative: float) -> tuple[Rule, ...]:
     """Rules of a contact: F_C and F_S are both positive or both 0, in each direction.
 
-    Otherwise the friction level falls to 0 in sliding or at standstill only. ``prefix`` stands before the names F_C and
-    F_S in the texts.
+    Otherwise the friction level would be 0 in sliding only or at standstill only. ``prefix`` stands before the names
+    F_C and F_S in the texts.
     """
 
     def rules(coulomb: float, static: float, C: str, S: str) -> tuple[Rule, ...]:

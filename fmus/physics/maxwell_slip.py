@@ -11,8 +11,7 @@ no such bound and feeds energy into a motion that comes to rest.
 
 Whether an element slips is a discrete state, set after each integration step. An element that reaches its part slips at
 once, within the step: its rate jumps, and the step size control of the integrator locates the jump. With a constant
-level the law does not depend on the speed of the motion: it has return-point memory, and the virgin curve is the sum of
-its elements.
+level the law is rate-independent: it has return-point memory, and the virgin curve is the sum of its elements.
 
 Valid for one contact at constant normal load. Passive where damping*abs(speed) <= level*alpha[i]*(sum of k)/k[i] for
 each element.

@@ -121,7 +121,7 @@ class SlidingController(Controller):
         return friction_level(v, self.F_C_hat, self.F_S_hat, self.v_s_hat) + sigma_2_tilde * abs(v)
 
     def equivalent_acceleration(self, u: Input, e: float, rate: float, xi: float) -> float:
-        """Acceleration that keeps the surface with integral constant, with the term -lambda*s [rad/s2]; eq. (10)."""
+        """Acceleration [rad/s2] that keeps s of the surface with integral constant, plus -lambda*s; eq. (10)."""
         return u.acceleration_ref / self.l_p - self.lambda_ * (
             3.0 * rate + self.lambda_ * (3.0 * e + self.lambda_ * xi)
         )

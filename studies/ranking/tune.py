@@ -48,6 +48,7 @@ FMUS = HERE.parents[1] / "build" / "fmus" / "native"
 T_S, FILTER = 1e-4, 5e-4
 SEEDS = (1, 2)
 BUDGET, DIAGONAL = 60, 12
+"""Number of simulations of a search, and of those on the diagonal of the box."""
 LOW, HIGH = (40.0, 5.0, 2.0), (8000.0, 2000.0, 2000.0)
 """Box of the three frequencies, 1/s."""
 CALM = 50.0

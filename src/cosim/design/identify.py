@@ -36,6 +36,7 @@ NODES = 128
 POINTS = 400
 """Number of points of the identified curve above its linear part."""
 MAX_WINDOW = 51
+"""Longest window for the velocity in samples: a long window flattens the curve."""
 NOISE_SHARE = 0.02
 """The velocity is smoothed until its noise is below this share of the velocity lost in one sample."""
 

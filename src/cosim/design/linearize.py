@@ -32,6 +32,7 @@ MARKOV = 60
 RANK = 1e-8
 """Singular values below this share of the largest count as 0."""
 FREQUENCIES = 4000
+"""Number of frequencies at which margins are searched, over four decades up to half of the sampling frequency."""
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,7 @@ MONITORED = 2.5
 SHARES = tuple(0.5 + 0.125 * i for i in range(9))
 """Durations tried, divided by t_c."""
 AMPLITUDES = 10
+"""Number of amplitudes tried with each duration."""
 FLAT = 1.02
 """Durations whose J is within this ratio of the least J are equally good, and the shortest is taken. Without this rule,
 a difference of one sample in t_c would decide between them."""
@@ -59,6 +60,7 @@ STEPS = 10
 FINE = 5
 """Number of fine steps in a coarse step."""
 NODES = 60
+"""Number of nodes of the tables."""
 RELEARN = 1.5
 """J divided by its nominal value above which friction counts as changed."""
 

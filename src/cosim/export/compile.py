@@ -37,6 +37,11 @@ FLAGS = (
     "-Wextra",
     "-Werror",
 )
+"""Compiler flags.
+
+``-ffp-contract=off`` forbids fused multiply-add, so that all platforms round alike. ``-g0`` and ``-s`` leave out debug
+data. ``-fno-sanitize=undefined`` switches off run-time checks that zig may add.
+"""
 TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "linux64": (("x86_64-linux-gnu.2.17",), ".so"),
     "win64": (("x86_64-windows-gnu",), ".dll"),

@@ -23,6 +23,7 @@ from .symbol import Symbol, casadi
 from .variant import NoteText, Symbols, Variant, depends
 
 MAX_VARIANTS = 256
+"""Most combinations of bool and Choice parameters: each is traced and printed, so more would make slow builds."""
 MAX_ROWS = 4096
 """Most rows of the table of variants. A row holds nine pointers, so the largest table has about 0.3 MB."""
 

@@ -50,6 +50,7 @@ Tools commonly call two traces with this difference the same.
 
 
 DEFAULT_TIMEOUT = 60.0
+"""Longest time of a run in s."""
 
 
 LAST_WORDS = 400

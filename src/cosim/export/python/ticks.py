@@ -54,7 +54,8 @@ def whole_if_near(number: float, slack: float) -> float:
 def same_instant(T_s: float, time: float) -> float:
     """Largest difference in s of two times that count as the same sampling instant.
 
-    It is 1e-6 of ``T_s`` and the rounding of ``time``, but never more than a quarter of ``T_s``.
+    It is 1e-6 of ``T_s`` and the rounding of ``time``, but at most a quarter of ``T_s``, so that no time belongs to two
+    instants.
     """
     return min(1e-6 * T_s + 8.0 * EPSILON * abs(time), 0.25 * T_s)
 

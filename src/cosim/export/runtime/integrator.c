@@ -222,6 +222,7 @@ static int integrate(const Problem *problem, Integrator *integrator, double t, d
     double f[N_CONTINUOUS], time_derivative[N_CONTINUOUS], y[N_STATES];
     double jacobian[N_CONTINUOUS * N_CONTINUOUS];
     double step = integrator->step > 0.0 ? integrator->step : t_end - t;
+    /* Below this step size the rounding of the time, some 1e-16 of its value, would be a large part of the step. */
     const double smallest = 1e-15 * fmax(fabs(t), fabs(t_end));
     long attempts = 0;
     int known = 0; /* f, jacobian and time_derivative belong to (t, x) */

@@ -7,8 +7,8 @@ static double sample_time(const State *s) { return s->start + (double)s->sample 
 /* Time on the importer's clock of the next sampling instant, or of the one n instants later. */
 static double instant_ahead(const State *s, double n) { return s->origin + ((double)s->sample + n) * sampling_time(s); }
 static double sampling_instant(const State *s) { return instant_ahead(s, 0.0); }
-/* Largest difference of two times that count as the same sampling instant: 1e-6 of T_s and the rounding of the time,
-   but never more than a quarter of T_s. */
+/* Largest difference of two times that count as the same sampling instant: 1e-6 of T_s and the rounding of the time. It
+   is at most a quarter of T_s, so that no time belongs to two instants. */
 static double same_instant(const State *s) {
     const double rounding = 1e-6 * sampling_time(s) + 8.0 * DBL_EPSILON * fabs(s->time);
     return rounding < 0.25 * sampling_time(s) ? rounding : 0.25 * sampling_time(s);
