@@ -154,7 +154,7 @@ def needed_files(where: Origin, path: Path) -> dict[str, Path]:
 
 
 def imported_modules(path: Path, module: str) -> Iterator[str]:
-    """Full names of the modules that a file imports; ``from a import b`` gives ``a`` and ``a.b``, if b is a module."""
+    """Full names of the modules that a file imports; ``from a import b`` gives ``a`` and ``a.b``: b may be a module."""
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), path.name)):
         if isinstance(node, ast.Import):
