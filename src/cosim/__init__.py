@@ -7,7 +7,7 @@
     cosim.plot([result, cosim.read_record("log.csv")], "both.png", signals={"plant.position": "x"})
 
 ``cosim.metrics`` has figures of merit, ``cosim.plots`` pictures, ``cosim.design`` the design tools. Names are imported
-on first use: components and their export need nothing of what runs FMUs.
+on first use, because components and their export do not need the packages that run FMUs.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .result.run_report import report_run
     from .system.system import System, make_system, read_system
 
-# The library prints nothing: without a handler of the program, Python would print warnings.
+# The library prints nothing. Without this handler, Python would print warnings if the program has no handler.
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 __all__ = [

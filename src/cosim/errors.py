@@ -1,4 +1,4 @@
-"""The one tree of exceptions, and the wording they share."""
+"""The exceptions of this package, which have a common base class, and the hint "Did you mean"."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from difflib import get_close_matches
 
 
 class CosimError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base class of all errors that this package raises on purpose."""
 
 
 class DescriptionError(CosimError):
-    """Files, names or values given by the user are wrong; nothing has run. Exit code 2.
+    """Files, names or values given by the user are wrong. Nothing has run. Exit code 2.
 
-    ``problems`` holds every problem found, one sentence each.
+    ``problems`` holds all problems, one text for each.
     """
 
     def __init__(self, problems: str | Sequence[str]) -> None:
@@ -26,15 +26,18 @@ class TraceError(CosimError):
 
 
 class SimulationError(CosimError):
-    """An FMI call failed during a run. Exit code 1; results computed before are kept."""
+    """An FMU could not be loaded, or a run failed. Exit code 1. Results computed before are kept."""
 
 
 class FileError(CosimError):
-    """A file or folder cannot be written. Exit code 1; a file that was there before is as it was."""
+    """A file or folder cannot be written. Exit code 1. An older file of the same name is unchanged."""
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """`` Did you mean 'x'?`` for the known name nearest to ``name``, else all of a short list, else ``""``."""
+    """The hint `` Did you mean 'x'?`` with the known name nearest to ``name``.
+
+    Without a near name, lists all known names if there are at most 12; else returns "".
+    """
     names = sorted(known)
     near = get_close_matches(name, names, n=1, cutoff=0.6)
     if near:

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and temporary folders that outlive no process for long."""
+"""Writes files whole or not at all. Makes temporary folders that do not outlive their process for long."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from typing import BinaryIO, Self
 from .errors import DescriptionError, FileError
 
 PART = ".part"
-"""Ending of a file that is being written."""
+"""Ending of the name of an unfinished file."""
 
 _REASONS = {
     errno.ENOSPC: "no space is left on the disk",
@@ -37,27 +37,27 @@ _REASONS = {
 
 
 def reason(error: OSError) -> str:
-    """Why an operation on a file failed, in words."""
+    """The reason why an operation on a file failed, as text."""
     return _REASONS.get(error.errno or 0) or error.strerror or str(error)
 
 
 def cannot_write(path: Path, error: OSError) -> FileError:
-    """The error for ``path``, which could not be written; a file that was there before is as it was."""
+    """The FileError for ``path``, which could not be written. An older file there must be unchanged."""
     unchanged = " The file that was there before is unchanged." if _exists(path) else ""
     return FileError(f"{path}: cannot be written: {reason(error)}.{unchanged}")
 
 
 class Replacement:
-    """A file being written beside ``path``; ``commit`` puts it in the place of ``path`` in one go.
+    """A new file that is written beside ``path``. ``commit`` puts it in the place of ``path`` in one operation.
 
-    Whatever happens before, a file that is there stays as it is. As a context manager it commits at the end, or
-    removes what was written if there was an exception. Raises FileError if the file cannot be written.
+    Until then, an older file at ``path`` is unchanged. As a context manager it commits at the end, or removes the new
+    file after an exception. Raises FileError if the file cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            # The file that a link points to is replaced, not the link.
+            # If ``path`` is a link, the file that it points to is replaced, not the link.
             self._target = path.resolve()
             self._target.parent.mkdir(parents=True, exist_ok=True)
             self._part = _part(self._target)
@@ -66,7 +66,7 @@ class Replacement:
             raise cannot_write(path, error) from None
 
     def commit(self) -> None:
-        """Make the file complete on the disk, then give it its name."""
+        """Write the file completely to the disk, then give it its name. Raises FileError."""
         try:
             self.file.flush()
             os.fsync(self.file.fileno())
@@ -83,7 +83,7 @@ class Replacement:
         _sync_folder(self._target.parent)
 
     def discard(self) -> None:
-        """Remove what was written."""
+        """Remove the new file."""
         with contextlib.suppress(OSError):
             self.file.close()
         with contextlib.suppress(OSError):
@@ -104,7 +104,7 @@ class Replacement:
 
 
 def write_file(path: Path, content: bytes | str) -> Path:
-    """Write a whole file in one go; text as UTF-8. Raises FileError."""
+    """Write a file, whole or not at all; text is written as UTF-8. Raises FileError."""
     with Replacement(path) as new:
         new.file.write(content.encode() if isinstance(content, str) else content)
     return path
@@ -117,7 +117,10 @@ def check_no_folder(path: Path) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """Raise DescriptionError unless a file ``path`` can be made now; folders that are missing would be made."""
+    """Raise DescriptionError if the file ``path`` cannot be written now.
+
+    Missing folders count as writable if they can be made. Nothing is left behind by this check.
+    """
     check_no_folder(path)
     made: list[Path] = []
     try:
@@ -141,9 +144,9 @@ def check_writable(path: Path) -> None:
 
 
 def _part(target: Path) -> Path:
-    """A new name beside ``target``, shorter than its own where that is long."""
+    """A new path beside ``target``, with at most 40 characters of its name."""
     name = target.name
-    # Names of 255 bytes are the longest that usual file systems take: a longer one fails as it is.
+    # Usual file systems accept names up to 255 bytes. A longer name is not shortened, so that it fails here.
     kept = name if len(os.fsencode(name)) > 255 else name[:40]
     return target.with_name(f"{kept}.{secrets.token_hex(4)}{PART}")
 
@@ -156,7 +159,7 @@ def _exists(path: Path) -> bool:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the names in a folder to the disk, where the system can do that; the content is there already."""
+    """Write the names in a folder to the disk, if the system supports this. The content of files is there already."""
     with contextlib.suppress(OSError):
         number = os.open(folder, os.O_RDONLY)
         try:
@@ -172,9 +175,9 @@ _PREFIX = "cosim-"
 
 @contextlib.contextmanager
 def temporary_folder() -> Generator[Path]:
-    """A folder that is removed at the end. Raises FileError.
+    """A temporary folder that is removed at the end of the ``with`` block. Raises FileError.
 
-    Its name tells which process made it: if that one is killed, a later one removes the folder.
+    The name of the folder identifies this process. If the process is killed, a later process removes the folder.
     """
     _remove_abandoned()
     try:
@@ -190,7 +193,7 @@ def temporary_folder() -> Generator[Path]:
 
 @cache
 def _remove_abandoned() -> None:
-    """Remove the folders of processes that have ended without doing so; once a process."""
+    """Remove the folders of processes that ended without removing them. Done once in a process."""
     with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
         for entry in entries:
             parts = entry.name.removeprefix(_PREFIX).split("-")
@@ -201,15 +204,16 @@ def _remove_abandoned() -> None:
 
 
 def _identity(process: int) -> str:
-    """Number and start time of a process, and where that number holds; ``""`` for a process that is not there.
+    """Number, start time and namespace of a process as text; ``""`` if there is no such process.
 
-    Numbers are used again, so the start time belongs to them. Containers have numbers of their own.
+    Process numbers are used again, so the start time is needed. Containers have their own numbers, so the namespace is
+    needed.
     """
     if not _alive(process):
         return ""
     started = "0"
     with contextlib.suppress(OSError):
-        # Field 22; field 2 is the name in brackets, which may hold anything.
+        # The start time is field 22. Field 2 is the name in brackets, which may contain any characters.
         started = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()[19]
     return f"{process}-{started}-{_namespace()}"
 
@@ -226,7 +230,7 @@ def _alive(process: int) -> bool:
     if sys.platform == "win32":
         import ctypes
 
-        # os.kill would end it there. 0x1000: PROCESS_QUERY_LIMITED_INFORMATION
+        # On Windows, os.kill would end the process. 0x1000 is PROCESS_QUERY_LIMITED_INFORMATION.
         handle = ctypes.windll.kernel32.OpenProcess(0x1000, False, process)
         if handle:
             ctypes.windll.kernel32.CloseHandle(handle)

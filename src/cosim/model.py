@@ -54,7 +54,7 @@ Variability = Literal["fixed", "tunable"]
 class Choice(Enum):
     """An enumeration parameter: ``name = number, "description"`` a member.
 
-    Numbers are those of FMI: whole, of 32 bits, each used once, in any order. Raises DescriptionError for others.
+    Numbers are integers of 32 bits, as in FMI. Each is used once, in any order. Raises DescriptionError for others.
     """
 
     def __init__(self, number: int, description: str = "") -> None:
@@ -84,7 +84,7 @@ class Choice(Enum):
 
 @dataclass(frozen=True)
 class Declaration:
-    """One declaration line: what a parameter or variable is. ``start`` is a tuple for an array."""
+    """The declaration line of a parameter or variable. ``start`` is a tuple for an array."""
 
     name: str
     """Name in FMUs; elements of an array are ``name[1]``, ``name[2]`` ..."""
@@ -108,7 +108,7 @@ class Declaration:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The scalar names: one, or one an element."""
+        """The scalar names: one name, or one name for each element of an array."""
         if self.length is None:
             return (self.name,)
         return tuple(f"{self.name}[{i + 1}]" for i in range(self.length))
@@ -131,10 +131,10 @@ def parameter(
     variability: Variability = "fixed",
     name: str | None = None,
 ) -> T:
-    """Declare a parameter: start value, unit, description, bounds.
+    """Declare a parameter: start value, unit, description, bounds (in the same unit).
 
     ``start`` may be a float, int, bool, ``Choice`` member or tuple of floats (array of fixed length).
-    ``tunable`` parameters may be changed during a run. ``name`` is the name in FMUs if it is not the attribute's.
+    ``tunable`` parameters may be changed during a run. ``name`` is the name in FMUs (default: name of the attribute).
     """
     metadata = {
         "unit": unit,
@@ -162,8 +162,8 @@ def variable(
 ) -> T:
     """Declare a state, input or output of a ``Record``.
 
-    ``nominal`` is the order of magnitude; the integrator's absolute tolerance of a state is its tolerance
-    times it. ``discrete`` marks a state of a ``Plant`` that ``update`` sets and integration leaves alone.
+    ``nominal`` is the order of magnitude. The absolute tolerance of a state is the relative tolerance of the integrator
+    times ``nominal``. ``discrete`` marks a state of a ``Plant`` that ``update`` sets and that is not integrated.
     """
     metadata = {
         "unit": unit,
@@ -231,10 +231,10 @@ class Rule:
 
 @dataclass(frozen=True)
 class Note:
-    """What is legal but suspicious while ``value`` is above ``limit``.
+    """A remark on something legal but suspicious. It is given while ``value`` is above ``limit``.
 
-    Told as ``"<name> = <value> <unit> is above <limit_name> = <limit> <unit>: <text>"``; ``text`` says what follows
-    from it and what to do.
+    Its wording is ``"<name> = <value> <unit> is above <limit_name> = <limit> <unit>: <text>"``. ``text`` says what the
+    consequence is and what to do.
     """
 
     name: str
@@ -255,9 +255,9 @@ class Experiment:
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 class Component:
-    """Base of ``Plant``, ``Controller`` and ``Source``; not used itself.
+    """Base class of ``Plant``, ``Controller`` and ``Source``; it is not used directly.
 
-    Creating one checks its parameters and raises DescriptionError with every value out of bounds.
+    The constructor checks the parameters. Raises DescriptionError with all values out of bounds and all broken rules.
     """
 
     State: ClassVar[type[Record]] = Empty
@@ -282,9 +282,10 @@ class Component:
         return ()
 
     def notes(self, x: Any) -> tuple[Note, ...]:
-        """What is legal but suspicious about parameters and the state ``x``; nothing unless overridden.
+        """Remarks on legal but suspicious parameters and states ``x``; none unless overridden.
 
-        Looked at when initialization ends and when a run ends. An FMU tells each note once, as a warning.
+        They are evaluated at the end of initialization and at the end of a run. An FMU logs each note once, as a
+        warning.
         """
         return ()
 
@@ -293,8 +294,8 @@ class Plant(Component):
     """A continuous-time component: ``derivative`` is integrated, inputs are held over a communication step."""
 
     tolerance: float = parameter(5e-9, "1", "Relative tolerance of the integrator", min=1e-12, max=1e-3, nominal=1e-9)
-    """Its start value keeps the closed loops of the studies within 1 nm of independent solvers; above its maximum the
-    step size control cannot follow a break-away."""
+    """With the start value, closed loops of the studies differ from independent solvers by less than 1 nm. Above the
+    maximum, the step size control cannot follow a break-away."""
 
     def derivative(self, t: float, x: Any, u: Any) -> Any:
         """Time derivatives as a ``State``; discrete members are ignored."""
@@ -352,7 +353,7 @@ def parameter_problems(component: Component) -> list[str]:
 
 
 def bound_problem(value: float, declaration: Declaration) -> str:
-    """What is wrong with ``value`` for ``declaration``, or ``""``."""
+    """A sentence about what is wrong with ``value`` for ``declaration``; ``""`` if nothing is wrong."""
     unit = declaration.unit
     if not math.isfinite(value):
         return "must be finite. Give a number."
@@ -363,13 +364,13 @@ def bound_problem(value: float, declaration: Declaration) -> str:
     return ""
 
 
-# Functions of equations. On plain numbers they are those of ``math``; a symbol brings methods of the same names.
+# Functions for equations. For plain numbers they call ``math``. For symbols they call methods of the same names.
 
 FUNCTIONS = (
     *("abs", "exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "tanh", "hypot"),
     *("floor", "mod", "sign", "where", "both", "either", "minimum", "maximum", "clip", "round_to", "interpolate"),
 )
-"""What equations may call: ``abs`` of Python, and the functions below."""
+"""The functions that equations may call: Python's ``abs`` and the functions below."""
 
 
 def _apply(function: Callable[[float], float], name: str, x: object) -> float:
@@ -510,9 +511,9 @@ def round_to(value: float, resolution: float) -> float:
 def interpolate(x: float, x_nodes: tuple[float, ...], y_nodes: tuple[float, ...]) -> float:
     """Piecewise linear through ascending nodes, the end values held outside; at least 2 nodes.
 
-    Halves the list of candidate nodes by comparing with its middle until one interval is left: traced, that is
-    about 2 selections a node and one division. Equal neighbouring ``x_nodes`` are allowed (fewer nodes: repeat the
-    last).
+    The list of candidate nodes is halved by comparing ``x`` with its middle, until one interval is left. In traced C
+    this takes about 2 selections for each node and one division. Equal neighbouring ``x_nodes`` are allowed: to use
+    fewer nodes, repeat the last one.
     """
     xs, ys = list(x_nodes), list(y_nodes)
     while len(xs) > 2:

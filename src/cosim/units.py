@@ -1,10 +1,10 @@
-"""Units as text: ``N.m.s/rad``, ``kg.m2``, ``N/(m/s)0.5`` resolved to SI base units.
+"""Units as text, such as ``N.m.s/rad``, ``kg.m2`` or ``N/(m/s)0.5``, converted to SI base units.
 
-Syntax (that of Modelica, with decimal exponents): ``.`` multiplies, one ``/`` divides by the
-factor or parenthesis behind it, a number behind a symbol or parenthesis is its exponent.
+The syntax is that of Modelica, with decimal exponents. ``.`` multiplies. ``/`` divides by the factor or parenthesis
+after it. A number after a symbol or parenthesis is its exponent.
 
-The table of this module is the last word, not the first: where a file defines a unit, ``resolve_unit`` takes that
-definition.
+If a file defines a unit, ``resolve_unit`` takes this definition. The table of this module is used only for units that
+no file defines.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Unit:
     offset: float = 0.0
 
     def __str__(self) -> str:
-        """Such as ``3600 s``, ``9.80665 m/s2`` or ``K + 273.15``."""
+        """The unit in base units, such as ``3600 s``, ``9.80665 m/s2`` or ``K + 273.15``."""
         over = [_symbol(name, e) for name, e in zip(BASE_UNITS, self.exponents, strict=True) if e > 0]
         under = [_symbol(name, -e) for name, e in zip(BASE_UNITS, self.exponents, strict=True) if e < 0]
         base = ".".join(over) or "1"
@@ -42,21 +42,21 @@ class Unit:
         return f"{scale}{base}{shift}"
 
     def power(self, exponent: Fraction) -> Unit:
-        """The power; a temperature scale with an offset counts as a difference there."""
+        """The unit to a power. The offset is dropped: ``degC`` in a power means a temperature difference."""
         return Unit(self.factor ** float(exponent), tuple(e * exponent for e in self.exponents))
 
     def times(self, other: Unit) -> Unit:
-        """The product; a temperature scale with an offset counts as a difference there."""
+        """The product of two units. Offsets are dropped: ``degC`` in a product means a temperature difference."""
         exponents = tuple(a + b for a, b in zip(self.exponents, other.exponents, strict=True))
         return Unit(self.factor * other.factor, exponents)
 
     @property
     def integral(self) -> bool:
-        """FMI 2.0 can state only integer exponents; a unit such as ``N/(m/s)0.5`` has no BaseUnit."""
+        """Whether all exponents are integers. A BaseUnit of FMI 2.0 cannot state a unit such as ``N/(m/s)0.5``."""
         return all(e.denominator == 1 for e in self.exponents)
 
     def matches(self, other: Unit) -> bool:
-        """Whether both are of one kind, scale and zero, so that values may be connected unchanged."""
+        """Whether both units have equal exponents, factor and offset, so that values need no conversion."""
         return (
             self.exponents == other.exponents
             and math.isclose(self.factor, other.factor, rel_tol=1e-12)
@@ -64,10 +64,10 @@ class Unit:
         )
 
     def conversion(self, target: Unit) -> tuple[float, float] | None:
-        """Factor and offset with ``value in target = factor*value + offset``; None if the kinds differ.
+        """Factor and offset with ``value in target = factor*value + offset``; None for different quantities.
 
-        An angle counts as a number (``rad`` may stand where ``1`` is meant), as in SI. But 1/s and rad/s do not
-        convert: 1/s may count turns or radians, and nothing says which.
+        An angle counts as a number, as in SI: ``rad`` converts to ``1``. But 1/s does not convert to rad/s, because 1/s
+        may count turns or radians.
         """
         if self.exponents[:-1] != target.exponents[:-1]:
             return None
@@ -137,7 +137,7 @@ _TOKEN = re.compile(r"(?P<symbol>[A-Za-z%]+|1(?=[./)]|$))|(?P<number>-?\d+(\.\d+
 
 @cache
 def parse_unit(text: str) -> Unit:
-    """The unit written as ``text``. Raises DescriptionError naming the unknown part."""
+    """The unit written as ``text``. Raises DescriptionError that names the unknown part."""
     tokens: list[str] = []
     position = 0
     while position < len(text):
@@ -178,10 +178,10 @@ def parse_unit(text: str) -> Unit:
 
 
 def resolve_unit(name: str, *definitions: Mapping[str, Unit]) -> Unit | None:
-    """The unit that files or this module mean by ``name``; None if nobody knows it.
+    """The unit called ``name``; None if it is unknown.
 
-    The first of ``definitions`` that holds the name decides, the table of this module comes last. A name in square
-    brackets, ``[mm]``, means what it means without them.
+    The first of ``definitions`` that contains the name decides; the table of this module comes last. A name in square
+    brackets, such as ``[mm]``, is the same unit as without brackets.
     """
     for defined in definitions:
         if name in defined:
@@ -195,9 +195,9 @@ def resolve_unit(name: str, *definitions: Mapping[str, Unit]) -> Unit | None:
 
 
 def conversion(source: str, target: str) -> float:
-    """Factor c with ``value in target = c * value in source``.
+    """The factor c with ``value in target = c * value in source``.
 
-    Raises DescriptionError if they differ in kind, or if a factor alone does not convert them (degC and K).
+    Raises DescriptionError for units of different quantities, and for units that need an offset (degC and K).
     """
     found = parse_unit(source).conversion(parse_unit(target))
     if found is None:

@@ -1,1 +1,1 @@
-"""Everything a terminal sees, one file a command."""
+"""The commands of the command line, one file for each command."""

@@ -1,6 +1,6 @@
-"""``cosim build``: from components, of the library or in files of one's own, to FMUs.
+"""``cosim build``: builds FMUs from components of the library or from the user's own files.
 
-Nothing heavy is imported before the command runs.
+Large packages are imported only when the command runs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NEEDED: Mapping[str, Sequence[str]] = {
     "native": ("casadi", "jinja2", "ziglang"),
     "python": ("casadi", "jinja2", "pythonfmu", "ziglang"),
 }
-"""Packages of the extra ``build`` that each flavour needs."""
+"""For each flavour, the packages that it needs from the extra ``build``."""
 
 
 def add(commands: Any) -> None:
@@ -54,16 +54,18 @@ def build_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """``cosim build``: FMUs into ``--output``, by default the current folder."""
+    """Build FMUs into ``--output`` (default: the current folder)."""
     from ..export.workspace import Workspace
 
     return build_all(options, Workspace(library(), cache_folder()), Path())
 
 
 def build_all(options: argparse.Namespace, workspace: Workspace, default: Path, split: bool = False) -> int:
-    """Build what is asked for; the exit code: 2 for a wrong description, 1 if something else went wrong.
+    """Build the FMUs that the options name. Returns the exit code: 2 for a wrong description, 1 for another error.
 
-    FMUs go to ``--output``, else to ``default``; with ``split``, there, to a folder for each flavour.
+    FMUs are written to ``--output``, or to ``default`` without this option. With several flavours, each flavour has its
+    own folder inside it. With ``split``, ``default`` always has a folder for each flavour.
+    Raises DescriptionError for wrong options or missing packages.
     """
     from ..export.compile import BuildError
 
@@ -90,13 +92,13 @@ def build_all(options: argparse.Namespace, workspace: Workspace, default: Path, 
 
 
 def library() -> Path:
-    """The folder that holds ``fmus/``: a work tree, or where the package is installed."""
+    """The folder that contains ``fmus/``: a work tree, or the folder where the package is installed."""
     installed = Path(__file__).parents[2]
     return installed if (installed / "fmus").is_dir() else installed.parent
 
 
 def cache_folder() -> Path:
-    """Where compiled binaries are kept: in a work tree's ``build``, else in the user's cache."""
+    """The folder of compiled binaries: ``build/cache`` in a work tree, else in the user's cache folder."""
     tree = library()
     if (tree / "pyproject.toml").is_file():
         return tree / "build" / "cache"
@@ -110,13 +112,13 @@ def cache_folder() -> Path:
         (user / "motion-cosim").mkdir(parents=True, exist_ok=True)
         if os.access(user / "motion-cosim", os.W_OK):
             return user / "motion-cosim"
-    except (OSError, RuntimeError):  # no home, or one that cannot be written to
+    except (OSError, RuntimeError):  # no home folder, or it cannot be written to
         pass
     return Path(tempfile.gettempdir()) / f"motion-cosim-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
 
 
 def build_loop(platform: str, cache: Path) -> None:
-    """Compile the master's inner loop for the platforms that ``--platform`` names, where it is not there yet."""
+    """Compile the master's inner loop for the platforms of ``--platform``, unless it exists already."""
     from ..export.loop_library import FOLDER, compile_loop
 
     compile_loop(_platforms(platform, "native"), FOLDER, cache)
@@ -137,7 +139,7 @@ def _platforms(choice: str, flavour: Flavour) -> tuple[str, ...]:
 def _build(
     workspace: Workspace, names: Sequence[str], output: Path, platforms: tuple[str, ...], flavour: Flavour
 ) -> list[CosimError]:
-    """Build what changed of one flavour and show a table; what went wrong."""
+    """Build the changed FMUs of one flavour and show a table. Returns the errors."""
     stale = workspace.stale(names, output, platforms, flavour)
     seconds: dict[str, float] = {}
     problems: dict[str, CosimError] = {}
@@ -163,7 +165,7 @@ def _build(
 
 
 def _tell_drafts(workspace: Workspace, names: Sequence[str]) -> None:
-    """Say what components lack for a release."""
+    """Print a note for each component that lacks files for a release."""
     from ..export.assets import folder, missing_assets
 
     for name in names:
@@ -176,7 +178,7 @@ def _tell_drafts(workspace: Workspace, names: Sequence[str]) -> None:
 
 
 def make_references(workspace: Workspace, names: Sequence[str]) -> int:
-    """Write ``fmus/references``; the number of components whose FMU does not meet its references."""
+    """Write ``fmus/references``. Returns the number of components whose FMU does not agree with its references."""
     from fmus.references.experiments import EXPERIMENTS
     from fmus.references.icons import drawer
 

@@ -1,4 +1,4 @@
-"""``cosim check``: what is wrong with a system, what is worth knowing, and how it will run."""
+"""``cosim check``: shows the problems and notes of a system, and how it will run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 SHOWN_VALUES = 8
-"""Start values of an instance that the table shows."""
+"""Largest number of start values of an instance in the table."""
 
 
 def add(commands: Any) -> None:
@@ -35,7 +35,7 @@ def add(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Check a system; 0 if it can run, 2 if not."""
+    """Check a system. The exit code is 0 if it can run, 2 if not."""
     from ..master.trial import try_system
 
     try:
@@ -59,7 +59,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _resting(system: System) -> list[str]:
-    """The unconnected inputs for which no start value is given, a line an instance."""
+    """The unconnected inputs without a given start value, one line for each instance."""
     from ..system.unconnected import unconnected_inputs
 
     resting: dict[str, list[str]] = {}
@@ -70,7 +70,7 @@ def _resting(system: System) -> list[str]:
 
 
 def _starts(instance: Instance) -> dict[str, str]:
-    """Start values as text, enumerations by name, whole arrays as one entry."""
+    """Start values as text: enumerations as item names, a complete array as one entry."""
     from ..system.values import show_start
 
     fmu = instance.fmu

@@ -1,7 +1,7 @@
-"""The command line: one module a command, their errors and exit codes.
+"""The command line: collects the commands (one module each), prints their errors and returns exit codes.
 
 Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, 130 interrupted,
-143 and 129 ended by SIGTERM and SIGHUP. Nothing heavy is imported before a command runs.
+143 and 129 ended by SIGTERM and SIGHUP. Large packages are imported only when a command runs.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ COMMANDS = (
 )
 """The commands in the order in which the help shows them."""
 TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
-"""Packages of the extra ``tools``, which design tools need."""
+"""Packages of the extra ``tools``. The design tools need them."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,13 +53,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def exit_code(command: Callable[[], int]) -> int:
-    """Run a command; whatever it raises on purpose is printed and becomes an exit code."""
+    """Run a command and return its exit code. An expected error is printed and gives an exit code."""
     with ending_by_exception(), log_on_standard_error():
         return _guarded(command)
 
 
 def _guarded(command: Callable[[], int]) -> int:
-    """Run a command and tell what went wrong; returns the exit code."""
+    """Run a command and print its errors; returns the exit code."""
     try:
         check_working_folder()
         return command()
@@ -82,7 +82,7 @@ def _guarded(command: Callable[[], int]) -> int:
         print_error("Interrupted.")
         return 128 + (interruption.number if isinstance(interruption, Ended) else signal.SIGINT)
     except BrokenPipeError:
-        # Whoever read our output (head, less) has gone.
+        # The program that read the output (head, less) has ended.
         sys.stderr.close()
         return 1
     except OSError as error:
@@ -91,7 +91,7 @@ def _guarded(command: Callable[[], int]) -> int:
 
 
 class _Version(argparse.Action):
-    """Looks the version up only when it is asked for: that takes longer than the rest of the parser."""
+    """Prints the version. It is looked up only on demand, because this takes longer than the rest of the parser."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from importlib.metadata import version

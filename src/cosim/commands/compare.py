@@ -1,4 +1,4 @@
-"""``cosim compare``: two runs, two records, or one of each."""
+"""``cosim compare``: compares two runs, two records, or one of each."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace, problems: list[str]) -> tuple[dict[str, float], list[tuple[str, Tolerance]]]:
-    """The numbers among the options, and the tolerances; what is wrong with options goes to ``problems``."""
+    """The numbers among the options, and the tolerances by name. Wrong options are appended to ``problems``."""
     numbers: dict[str, float] = {}
     given = (
         *(("time_tolerance", options.time_tolerance, 0.0, 0.0), ("start", options.start, -math.inf, -math.inf)),
@@ -188,7 +188,10 @@ _VALUE = re.compile(r"(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(?P<un
 
 
 def _tolerance(item: str) -> tuple[str, Tolerance]:
-    """Name and tolerance of ``NAME=VALUE`` or ``VALUE``; the name is empty for all. Raises DescriptionError."""
+    """Name and tolerance of ``NAME=VALUE`` or ``VALUE``. Without a name (""), it holds for all signals.
+
+    Raises DescriptionError if the value cannot be read.
+    """
     from ..result.compare import Tolerance
     from ..units import parse_unit
 
@@ -212,7 +215,10 @@ def _tolerances(
     sources: Sequence[Result | Record],
     time: float,
 ) -> dict[str, Tolerance] | None:
-    """The tolerances by name; those for all signals are of each that has none of its own. None if there are none."""
+    """The tolerances by name; None if there are none.
+
+    A tolerance for all signals holds for each signal without its own tolerance.
+    """
     from ..result.align import common_names, side_of
     from ..result.compare import Tolerance
 
@@ -232,7 +238,7 @@ def _tolerances(
 
 
 def _sum(entries: Sequence[Tolerance]) -> Tolerance:
-    """Both kinds of tolerances of a signal in one; of several of one kind the last counts."""
+    """The absolute and the relative tolerance of a signal in one Tolerance. Of several of one kind, the last counts."""
     from ..result.compare import Tolerance
 
     found = Tolerance()
@@ -250,7 +256,7 @@ def _sum(entries: Sequence[Tolerance]) -> Tolerance:
 def _opened(
     options: argparse.Namespace, numbers: Mapping[str, float], problems: list[str]
 ) -> list[System | Result | Record]:
-    """Both sides read and checked, nothing run. Raises DescriptionError with ``problems`` and those of both."""
+    """Read and check both sides without running them. Raises DescriptionError with ``problems`` and all others."""
     sides: list[System | Result | Record] = []
     both: dict[str, object] = {}
     only_b: dict[str, object] = {}
@@ -292,7 +298,7 @@ def _side(
 def open_record(
     text: str | Path, time: str | None, sampling_time: float | None, units: Sequence[str]
 ) -> Result | Record:
-    """A record, or the result of a run, from a file. Raises DescriptionError."""
+    """Read a record, or the result of a run, from a file; ``sampling_time`` in s. Raises DescriptionError."""
     from ..record.read import read_record
 
     stated = {name: unit for name, _, unit in (item.rpartition("=") for item in units)}
@@ -305,7 +311,7 @@ def open_record(
 
 
 def _labels(options: argparse.Namespace) -> tuple[str, str]:
-    """Short names of both sides, which differ."""
+    """Short names of both sides. They are never equal."""
     names = [Path(text).name or text for text in (options.a, options.b)]
     if options.set_b:
         names[1] += f" ({', '.join(options.set_b)})"
@@ -317,7 +323,7 @@ def _labels(options: argparse.Namespace) -> tuple[str, str]:
 
 
 def _source(side: System | Result | Record) -> Result | Record:
-    """What a side recorded; a system is run. Raises RunError if that fails."""
+    """The record or result of a side. A system is run first. Raises RunError if the run fails."""
     from ..system.system import System
 
     if not isinstance(side, System):
@@ -331,11 +337,11 @@ def _source(side: System | Result | Record) -> Result | Record:
         return simulate_isolated(side, progress=lambda share: bar.update(share * length, length))
 
 
-# What is shown.
+# Output.
 
 
 def _write(found: Comparison, options: argparse.Namespace, sources: Sequence[Result | Record]) -> bool:
-    """Write picture and page; whether that went well."""
+    """Write the picture and the page. Returns whether both could be written."""
     from ..result.compare_report import plot_comparison, report_comparison
 
     well = True
@@ -387,7 +393,7 @@ def _name(entry: Difference) -> str:
 
 
 def _verdicts(found: Comparison) -> list[str]:
-    """Which signals are outside their tolerances, and how many are within."""
+    """One line for each signal outside its tolerance, and a line with the number of signals within."""
     judged = [entry for entry in found.differences if entry.tube is not None]
     lines: list[str] = []
     for entry in judged:
@@ -403,7 +409,7 @@ def _verdicts(found: Comparison) -> list[str]:
 
 
 def comparison_content(found: Comparison) -> dict[str, Any]:
-    """A comparison for JSON."""
+    """A comparison as a table for JSON."""
     return {
         "a": found.a,
         "b": found.b,

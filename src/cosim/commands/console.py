@@ -1,4 +1,4 @@
-"""What all commands of ``cosim`` share: tables, errors, notes, the progress bar, JSON, and common arguments.
+"""Functions that all commands of ``cosim`` share: tables, errors, notes, the progress bar, JSON, common arguments.
 
 Results go to standard output, everything else to standard error, so that output can be piped.
 """
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WIDTH = 80
-"""Width of tables that go to a file or a pipe."""
+"""Width in characters of tables that are written to a file or a pipe."""
 QUIET_SECONDS = 1.0
-"""Work shorter than this shows no progress bar."""
+"""Work that takes less time shows no progress bar."""
 
 
 def standard_output() -> Console:
@@ -39,7 +39,7 @@ def standard_output() -> Console:
 
 
 def print_error(text: str) -> None:
-    """Print an error on standard error, never folded, so that it can be searched for."""
+    """Print an error on standard error. Lines are not wrapped, so that the text can be searched."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(harmless(text))}")
 
 
@@ -55,12 +55,12 @@ _CONTROLS = {
 
 
 def harmless(text: str) -> str:
-    """``text`` from a file or an FMU, with characters that control a terminal made visible."""
+    """``text`` from a file or an FMU, with terminal control characters replaced by visible text."""
     return text.translate(_CONTROLS)
 
 
 class _Notes(logging.Handler):
-    """Prints what the library logs, except messages of FMUs, which the commands show with the result."""
+    """Prints the log messages of the library, but not of FMUs. The commands show those with the result."""
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.name != "cosim.fmu":
@@ -80,15 +80,16 @@ def log_on_standard_error() -> Generator[None]:
 
 
 def print_json(content: Any) -> None:
-    """Print ``content`` as JSON on standard output; numbers that are not finite become null."""
+    """Print ``content`` as JSON on standard output. Numbers that are not finite become null."""
     sys.stdout.write(json.dumps(_finite(content), indent=2) + "\n")
 
 
 def make_table(*headings: str, right: Sequence[str] = (), whole: Sequence[str] = (), title: str = "") -> Table:
-    """A table in the one style of all commands; the columns named in ``right`` hold numbers.
+    """A table in the common style of all commands.
 
-    The columns named in ``whole`` are never folded. In the others texts are folded rather than cut where the terminal
-    is too narrow. Columns without a heading are named by their number.
+    The columns named in ``right`` are aligned to the right, for numbers. The columns named in ``whole`` are never
+    wrapped. In a narrow terminal, the text in other columns is wrapped. A column without a heading has its number (from
+    0) as name.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
@@ -111,7 +112,7 @@ def make_table(*headings: str, right: Sequence[str] = (), whole: Sequence[str] =
 
 
 def show(options: argparse.Namespace, content: Mapping[str, Any], rows: Sequence[Sequence[str]], title: str) -> None:
-    """Show a result as JSON if it is asked for, else as a table whose first row holds the headings."""
+    """Show a result: ``content`` as JSON with ``--json``, else ``rows`` as a table. The first row has the headings."""
     if options.json:
         print_json(content)
         return
@@ -133,7 +134,7 @@ class Bar(AbstractContextManager["Bar"]):
         self._bar: Progress | None = None
 
     def update(self, done: float, total: float | None, note: str = "") -> None:
-        """Show ``done`` of ``total``; without a total only what is done."""
+        """Show ``done`` of ``total``; without a total, only ``done``."""
         if self._bar is None:
             if time.perf_counter() - self._begun < QUIET_SECONDS or not sys.stderr.isatty():
                 return
@@ -171,7 +172,7 @@ def fmus_argument(parser: argparse.ArgumentParser) -> None:
 
 
 class _Extend(argparse.Action):
-    """Gathers the values of every ``--set``."""
+    """Collects the values of all ``--set`` options."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: object) -> None:
         given = [values] if isinstance(values, str) else list(values)
@@ -179,7 +180,7 @@ class _Extend(argparse.Action):
 
 
 def set_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Add ``--set``, which may be repeated; ``several``: it takes more than one value at a time."""
+    """Add ``--set``, which may be repeated. With ``several``, one option may have several values."""
     parser.add_argument(
         "--set",
         action=_Extend,
@@ -192,14 +193,14 @@ def set_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> N
 
 
 def common_arguments(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespace], int]) -> None:
-    """Add ``--json`` and ``--fmus``, and say what runs the command."""
+    """Add ``--json`` and ``--fmus``, and set the function that runs the command."""
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for scripts")
     fmus_argument(parser)
     parser.set_defaults(command=command)
 
 
 def _finite(value: Any) -> Any:
-    """``value`` as JSON can hold it: what is not finite becomes null."""
+    """``value`` with numbers that are not finite replaced by None, because JSON has no such numbers."""
     if isinstance(value, Mapping):
         return {str(key): _finite(item) for key, item in value.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
     if isinstance(value, list | tuple):

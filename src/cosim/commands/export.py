@@ -1,4 +1,4 @@
-"""``cosim export``: a system for other tools."""
+"""``cosim export``: writes a system for other tools."""
 
 from __future__ import annotations
 

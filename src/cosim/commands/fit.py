@@ -1,4 +1,4 @@
-"""``cosim fit``: parameters of a system from records of the real machine."""
+"""``cosim fit``: fits parameters of a system to records of the real machine."""
 
 from __future__ import annotations
 

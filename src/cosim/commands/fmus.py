@@ -1,4 +1,4 @@
-"""``cosim fmus copy``: FMUs for other tools."""
+"""``cosim fmus copy``: copies FMUs for other tools."""
 
 from __future__ import annotations
 

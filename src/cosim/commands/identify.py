@@ -1,4 +1,4 @@
-"""``cosim identify``: parameters from a recorded or simulated experiment."""
+"""``cosim identify``: identifies parameters from a recorded or simulated experiment."""
 
 from __future__ import annotations
 

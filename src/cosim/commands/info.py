@@ -1,4 +1,4 @@
-"""``cosim info``: the variables of an FMU."""
+"""``cosim info``: shows the variables of an FMU."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 SHOWN_FINDINGS = 30
-"""Findings about the file that are shown."""
+"""Largest number of findings about the file that are shown."""
 
 
 def add(commands: Any) -> None:
@@ -71,7 +71,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:
-    """Variables with the names to show, parameters first, arrays as one line."""
+    """Variables with the names to show: inputs, outputs, parameters, then the others. An array is one row."""
     arrays = {name: array for name, array in fmu.arrays.items() if array.shape}
     firsts = {array.elements[0]: f"{name}[{array.span}]" for name, array in arrays.items()}
     others = {element for array in arrays.values() for element in array.elements[1:]}
@@ -86,7 +86,7 @@ def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:
 
 
 def _description(variable: Variable) -> str:
-    """The variable's own text; its type if that is not Real, and whether it is tunable."""
+    """The variable's description, its type if this is not Real, and whether it is tunable."""
     facts: list[str] = []
     if variable.items:
         facts.append(", ".join(variable.items))

@@ -1,4 +1,4 @@
-"""``cosim learn``: parameters learned from closed-loop runs."""
+"""``cosim learn``: learns parameters from closed-loop runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim linearize``: state space of an instance, margins of its loop."""
+"""``cosim linearize``: computes the state space of an instance and the margins of its loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim list``: FMUs, systems and studies."""
+"""``cosim list``: lists FMUs, systems and studies."""
 
 from __future__ import annotations
 

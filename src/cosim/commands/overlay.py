@@ -1,4 +1,4 @@
-"""``cosim run --overlay``: a record beside the run."""
+"""``cosim run --overlay``: compares a run with a record."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def overlay_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add ``--overlay`` and what belongs to it."""
+    """Add ``--overlay`` and the options that belong to it."""
     parser.add_argument(
         "--overlay",
         metavar="FILE",
@@ -41,7 +41,7 @@ class Overlay:
     """A record, read and checked before the run."""
 
     def __init__(self, options: argparse.Namespace, system: System) -> None:
-        """Raises DescriptionError with all that does not fit."""
+        """Raises DescriptionError if the record cannot be read, or with all signals that do not fit the run."""
         import numpy as np
 
         from ..master.metadata import result_columns
@@ -58,7 +58,7 @@ class Overlay:
         pair(side_of(self._source, self._label), run, self._signals)
 
     def compare(self, result: Result) -> Comparison | None:
-        """The run compared with the record; None, and an error told, if they cannot be."""
+        """Compare the run with the record. If this is not possible, prints an error and returns None."""
         from ..result.compare import compare
 
         try:
@@ -75,7 +75,7 @@ class Overlay:
 
 
 def opened(options: argparse.Namespace, system: System) -> Overlay | None:
-    """The record of ``--overlay``, None without one. Raises DescriptionError."""
+    """The record of ``--overlay``; None without this option. Raises DescriptionError."""
     if options.overlay is not None:
         return Overlay(options, system)
     if options.signals or options.delay is not None:

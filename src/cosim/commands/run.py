@@ -1,4 +1,4 @@
-"""``cosim run``: run a system and show what came out."""
+"""``cosim run``: runs a system and shows its results."""
 
 from __future__ import annotations
 
@@ -33,16 +33,19 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 MOST_BYTES = 2**28
-"""Rows of a run that stay in memory: longer records go to the file as they come, figures are of every n-th row then."""
+"""Largest size in bytes of the rows of a run that are kept in memory.
+
+A longer record is written to its file during the run. Figures are then computed from every n-th row.
+"""
 _FILES = ("output", "plot", "report")
-"""Options that name files of a run."""
+"""Options that name the files of a run."""
 MAX_SHOWN_MESSAGES = 20
 MAX_SHOWN_TEXT = 1000
 MAX_SHOWN_NAMES = 5
 TRIAL_SECONDS = 2.0
-"""How long the end of a run waits for what was found beside it about inputs that look forgotten."""
+"""Time that the end of a run waits for the trial, which looks for forgotten inputs at the same time."""
 _GRAVITY = {"OK": 0, "Warning": 1, "Discard": 2}
-"""How bad the status of a message is; all others are worse."""
+"""Rank of the status of a message, from harmless to bad. All other statuses have rank 3."""
 
 
 def add(commands: Any) -> None:
@@ -78,7 +81,7 @@ def add(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Run a system and show what came out."""
+    """Run a system and show its results. Returns the exit code."""
     begun = time.perf_counter()
     _check(options)
     system = given_system(options)
@@ -116,7 +119,7 @@ def _show_notes(notes: Sequence[str], options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise DescriptionError for all options that cannot work, before anything runs."""
+    """Check all options before anything runs. Raises DescriptionError with all problems."""
     problems: list[str] = []
     checks: list[tuple[Path, Callable[[Path], None]]] = []
     if options.output is not None:
@@ -173,7 +176,7 @@ def _simulate(system: System, options: argparse.Namespace, bar: Bar, record: _Re
 
 
 class _RecordFile(AbstractContextManager["_RecordFile"]):
-    """The file of ``--output``, if there is one: written at the end, or as rows come if they are too many."""
+    """The file of ``--output``, if there is one. It is written after the run, or during a run with many rows."""
 
     def __init__(self, system: System, path: Path | None) -> None:
         self._system = system
@@ -182,7 +185,7 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         self._rows = 0
 
     def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
-        """Take rows while the run goes on."""
+        """Take rows during the run; ``times`` in s. Raises FileError."""
         self._rows += len(rows)
         if self._path is None:
             return
@@ -194,7 +197,7 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
         self._writer.write(times, rows)
 
     def thinned(self, result: Result) -> int:
-        """Of how many rows the result holds one; 1 if it holds all."""
+        """The number n if the result holds every n-th row; 1 if it holds all rows."""
         return int(result.metadata["decimation"]) // self._system.decimation
 
     def save(self, result: Result) -> None:
@@ -213,17 +216,17 @@ class _RecordFile(AbstractContextManager["_RecordFile"]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove a file that is not complete."""
+        """Remove an incomplete file."""
         if self._writer is not None:
             self._writer.discard()
 
     def count(self, result: Result) -> int:
-        """Rows of the run, all of them."""
+        """The number of all rows of the run."""
         return self._rows or len(result.time)
 
 
 def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -> int:
-    """Tell of a run that failed and keep what it computed; returns the exit code."""
+    """Print the error of a failed run and write the rows computed so far; returns the exit code."""
     from ..master.isolation import RecordError
 
     result = error.result
@@ -247,9 +250,10 @@ def _save(
     early: bool,
     compared: Comparison | None = None,
 ) -> bool:
-    """Write the files of a run; whether that went well. Tells of what was not written, and of a run that ended early.
+    """Write the files of a run. Returns whether all could be written.
 
-    An error in one file does not keep the other from being written.
+    Prints an error for each file that could not be written; the other files are still written. Prints a note for a run
+    that ended ``early``.
     """
     well = True
     kept = "; name a file with --output to keep them" if options.output is None else f", kept in {options.output}"
@@ -304,7 +308,10 @@ def _finish(
     overlay: Overlay | None,
     interrupted: bool = False,
 ) -> int:
-    """Messages, files and the summary that end a run; the exit code, 1 if recorded values are not finite."""
+    """Print the messages and the summary of a run and write its files.
+
+    Returns the exit code: 1 if recorded values are not finite or a file could not be written, else 0.
+    """
     from ..result.summary import not_finite, summary
 
     bad = not_finite(result)
@@ -349,7 +356,7 @@ def _finish(
 
 
 def _facts(result: Result, elapsed: float) -> dict[str, Any]:
-    """What is known of a run, for scripts."""
+    """Facts about a run for JSON."""
     facts = result.metadata
     kept = ("system", "system_digest", "steps", "step_size", "stepping_seconds", "warnings")
     return {
@@ -369,7 +376,7 @@ def _real_time_factor(result: Result) -> float:
 
 
 def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
-    """What a run was, what it cost, and its figures of merit."""
+    """The table of a run: its length, its computing time and its figures of merit."""
     facts = result.metadata
     table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{facts['steps'] * facts['step_size']:.9g}", "s")
@@ -391,7 +398,7 @@ def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
 
 
 def _not_finite(wrong: Mapping[str, float]) -> str:
-    """Which variables are not finite, and from when; the first ones first."""
+    """A sentence about the variables that are not finite, in the order of the times from which they are not."""
     first = sorted(wrong.items(), key=lambda item: item[1])
     shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
     more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
@@ -404,9 +411,9 @@ def _said(result: Result) -> list[str]:
 
 
 def _show_messages(result: Result, but: str = "") -> None:
-    """What FMUs logged, without the message ``but``, which is told elsewhere."""
+    """Print the messages of FMUs, except the message ``but``, which is printed elsewhere."""
     messages = [message for message in result.messages if message.text != but]
-    # The worst of them first, so that many harmless ones do not hide it; then in the order of time again.
+    # Choose the worst messages, so that harmless messages do not displace them. Then print them in order of time.
     worst = sorted(messages, key=lambda message: _GRAVITY.get(message.status, 3), reverse=True)[:MAX_SHOWN_MESSAGES]
     for message in sorted(worst, key=lambda message: message.time):
         text = str(message)

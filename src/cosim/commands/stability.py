@@ -1,4 +1,4 @@
-"""``cosim stability``: limits of stability of NCTF control."""
+"""``cosim stability``: computes the stability limits of NCTF control."""
 
 from __future__ import annotations
 

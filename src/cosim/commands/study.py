@@ -1,4 +1,4 @@
-"""``cosim study``: run a study, write its report, show the verdicts."""
+"""``cosim study``: runs a study, writes its report and shows the verdicts."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ def main(
     fmus: Path | None = None,
     data: Path | None = None,
 ) -> int:
-    """Run a study, write its report into ``output`` (results/NAME), show the verdicts.
+    """Run a study, write its report into ``output`` (default: results/NAME) and show the verdicts.
 
-    Returns 0, or 1 if a run failed; a claim that does not hold is a finding, not a failure.
+    ``runs`` is a pattern of run names, ``jobs`` the number of runs at a time, ``data`` the folder of measured files.
+    Returns 0, or 1 if a run failed. A claim that does not hold is a finding, not a failure.
     """
     from ..study import Outcome, find_study, judge, load_study, matching_runs, run_study
     from ..study.report import KINDS, STYLES, counts, values, write_report

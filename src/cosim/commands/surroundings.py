@@ -1,4 +1,4 @@
-"""What a command meets before it runs: the streams, the working folder, and errors of the operating system."""
+"""The environment of a command: standard streams, threads, working folder, and errors of the operating system."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 def prepare_streams() -> None:
     """Let the standard streams take every character.
 
-    Where the encoding lacks one (``PYTHONIOENCODING=ascii``, an old terminal) its number is shown, such as ``\\xfc``.
-    Without this a single unit or file name would end the command.
+    If the encoding lacks a character (``PYTHONIOENCODING=ascii``, an old terminal), its number is shown, such as
+    ``\\xfc``. Otherwise, a single unit or file name with such a character would end the command.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -25,15 +25,16 @@ def prepare_streams() -> None:
 
 
 def keep_to_one_thread() -> None:
-    """Let numpy's BLAS start no threads: no command gains by them, and a process that has some is not safe to fork.
+    """Keep the BLAS of NumPy from starting threads.
 
-    Starting them costs a sixth of the processor time of a short run. Who sets the variable decides otherwise.
+    No command is faster with these threads, and a process with threads is not safe to fork. Starting them takes a sixth
+    of the processor time of a short run. A user who sets OPENBLAS_NUM_THREADS overrides this.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def check_working_folder() -> None:
-    """Raise DescriptionError if the working folder is gone."""
+    """Raise DescriptionError if the working folder does not exist any more or may not be entered."""
     try:
         os.getcwd()
     except OSError as error:
@@ -44,7 +45,7 @@ def check_working_folder() -> None:
 
 
 def explain(error: OSError) -> str:
-    """One sentence for an error of the operating system that nothing nearer to its cause has explained."""
+    """One sentence for an error of the operating system that no other code has explained."""
     text = error.strerror or str(error)
     where = f"{error.filename}: " if error.filename else ""
     if error.errno in FULL and not where:

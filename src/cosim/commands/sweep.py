@@ -1,4 +1,4 @@
-"""``cosim sweep``: a system over many start values."""
+"""``cosim sweep``: runs a system with many start values."""
 
 from __future__ import annotations
 

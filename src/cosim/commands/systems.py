@@ -1,4 +1,4 @@
-"""The arguments of every command that takes a system, and the system they ask for."""
+"""The arguments of all commands that take a system, and the system that they name."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def system_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def given_values(items: Sequence[str]) -> dict[str, object]:
-    """The values of ``--set`` by variable. Raises DescriptionError with every item that cannot be read."""
+    """The values of ``--set`` by variable. Raises DescriptionError with all items that cannot be read."""
     from ..system.values import parse_settings
 
     return parse_settings(items)
 
 
 def given_system(options: argparse.Namespace) -> System:
-    """The checked system that the arguments name. Raises DescriptionError with every problem, of ``--set``, too."""
+    """The checked system that the arguments name. Raises DescriptionError with all problems, including ``--set``."""
     from ..system.system import read_system
 
     problems: list[str] = []

@@ -1,4 +1,4 @@
-"""``cosim tune``: parameters of a system by optimization."""
+"""``cosim tune``: optimizes parameters of a system."""
 
 from __future__ import annotations
 

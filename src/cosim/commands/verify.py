@@ -1,4 +1,4 @@
-"""``cosim verify`` on the command line. Nothing heavy is imported before it runs."""
+"""``cosim verify``: replays reference results inside FMUs. Large packages are imported only when it runs."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def _show(reports: Sequence[Report]) -> None:
 
 
 def _row(outcome: Replay) -> tuple[str, ...]:
-    """Experiment, signals, the worst of them, and its difference as a share of the tolerance."""
+    """A row of the table: experiment, number of signals, worst signal, its share of the tolerance, verdict."""
     worst = outcome.worst
     name = escape(outcome.experiment.name)
     if worst is None:

@@ -1,1 +1,1 @@
-"""What an FMU file is: its archive, its description, where FMUs are found."""
+"""FMU files: their archive, their model description, and the places where they are found."""

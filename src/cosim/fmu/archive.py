@@ -1,4 +1,4 @@
-"""Archives: what may be unpacked from anywhere and what is refused; how this project writes its own."""
+"""Zip archives: checks and unpacks archives from unknown sources, and writes this project's own archives."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ MAX_TOTAL_BYTES = 2**30
 
 
 Choice = Callable[[str], bool]
-"""Whether a member of that name is meant."""
+"""A function of a member's name that selects members."""
 
 
 def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True) -> list[zipfile.ZipInfo]:
-    """The members of an archive, none of which can write outside its folder or fill the disk.
+    """The members of an archive, after a check that none can write outside the folder or fill the disk.
 
-    Raises DescriptionError, also if members of one name that must be ``single`` differ.
+    Raises DescriptionError for a member that could. Also raises it if two members have the same name but different
+    content, and ``single`` selects this name.
     """
     members = archive.infolist()
     source = Path(str(archive.filename)).name
@@ -69,7 +70,7 @@ def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True
 
 
 def repeated(members: Sequence[zipfile.ZipInfo]) -> list[str]:
-    """Names that files of different content have in an archive. The last of them is the one that is unpacked."""
+    """The names that two or more files of different content share. The last file of a name is unpacked."""
     counts = Counter(member.filename for member in members if not member.is_dir())
     return [name for name, count in counts.items() if count > 1 and _differ(name, members)]
 
@@ -81,9 +82,10 @@ def _differ(name: str, members: Iterable[zipfile.ZipInfo]) -> bool:
 def unpack(
     archive: zipfile.ZipFile, folder: Path, needed: Choice = lambda name: True, single: Choice = lambda name: True
 ) -> None:
-    """Write the members whose names are ``needed`` into ``folder``.
+    """Write the members that ``needed`` selects into ``folder``.
 
-    Raises DescriptionError if a member is refused, or if the folder cannot take them: a disk is full, for example.
+    Raises DescriptionError if a member is refused (see ``checked_members``), or if the folder cannot take the files,
+    for example because the disk is full.
     """
     for member in checked_members(archive, single):
         if not needed(member.filename):
@@ -104,10 +106,11 @@ def unpack(
 
 
 def write_zip(target: Path, files: Mapping[str, bytes | Path], first: str, deflated: Collection[str] = ()) -> None:
-    """Write an archive whose bytes depend on names and contents only: sorted behind ``first``, one date, in one go.
+    """Write an archive whose bytes depend only on the names and contents of its members.
 
-    A Path stands for the content of that file; members are stored, or deflated if their name is in ``deflated``.
-    Raises FileError, and leaves an older ``target`` alone then.
+    The member ``first`` comes first; the others are sorted by name. All have the same date. A Path stands for the
+    content of that file. Members are stored, or deflated if their name is in ``deflated``.
+    Raises FileError; an older ``target`` is then left unchanged.
     """
     with Replacement(target) as new, zipfile.ZipFile(new.file, "w") as archive:
         for name in sorted(files, key=lambda name: (name != first, name)):

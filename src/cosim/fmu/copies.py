@@ -1,4 +1,4 @@
-"""Hands FMUs out: copies into a folder of the user's, for other tools."""
+"""Copies FMUs into a folder of the user, for other tools."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .places import fmus_in
 
 
 def copy_fmus(source: Path, folder: Path, names: Sequence[str] = (), *, force: bool = False) -> list[Path]:
-    """Copy the FMUs ``names`` of ``source``, or all, into ``folder``; returns the files written.
+    """Copy the FMUs ``names`` from ``source`` into ``folder``, all of them without names. Returns the files written.
 
-    A file that is there with the same content stays as it is; one with other content is replaced with ``force`` only.
-    Raises DescriptionError with every unknown name and every file in the way, and has copied nothing then; FileError
+    An existing file with the same content is left alone. A file with other content is replaced only with ``force``.
+    Raises DescriptionError with all unknown names and all files in the way, before anything is copied. Raises FileError
     for a folder that cannot be written to.
     """
     known = fmus_in(source)

@@ -1,6 +1,6 @@
-"""What an FMU file says, read without starting it: variables, dependencies, platforms, and a safe way to unpack it.
+"""Reads an FMU file without starting the FMU: variables, dependencies, platforms. Unpacks it safely.
 
-A file from elsewhere is not trusted: every member of its archive is checked before any is read.
+An FMU may come from an unknown source. Every member of its archive is checked before any member is read.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MAX_DESCRIPTION_BYTES = 64 * 2**20
 
 
 ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:\s*,\s*\d+)*)\]")
-"""Name of an element of an array: ``a[1]``, or ``a[1,2]`` of an array of two dimensions."""
+"""Name of an array element: ``a[1]``, or ``a[1,2]`` in an array of two dimensions."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Array:
     """An array of scalar variables ``a[1]``, ``a[2]`` ..., or ``a[1,1]``, ``a[1,2]`` ..."""
 
     elements: tuple[str, ...]
-    """Names of the elements in the order of their indices, the last index fastest, wherever the file has them."""
+    """Names of the elements, sorted by index; the last index changes fastest. The order in the file does not matter."""
     first: tuple[int, ...]
     """The smallest index of each dimension: 0 or 1 in most files."""
     shape: tuple[int, ...]
@@ -58,7 +58,7 @@ class Fmu:
 
     path: Path
     fmi: int
-    """Major version of FMI: 2 or 3; 1 for an FMU that is only shown."""
+    """Major version of FMI: 2 or 3. An FMU of version 1 can be shown, but cannot run."""
     name: str
     identifier: str
     guid: str
@@ -71,7 +71,7 @@ class Fmu:
     dependencies: Mapping[str, tuple[str, ...]]
     """The inputs on which each output depends directly (feedthrough)."""
     arrays: Mapping[str, Array]
-    """The array ``a`` of ``a[1]``, ``a[2]`` ..."""
+    """Arrays by name: ``a`` for the variables ``a[1]``, ``a[2]`` ..."""
     base_units: Mapping[str, Unit]
     """The units for which the file states a BaseUnit."""
     log_categories: tuple[str, ...]
@@ -82,11 +82,11 @@ class Fmu:
     """Times, step and tolerance of DefaultExperiment, where the file states them."""
     platforms: tuple[str, ...]
     library: str | None
-    """The archive member to load on this machine, None if there is none."""
+    """The archive member to load on this machine; None if the FMU has no binary for it."""
     obstacles: tuple[str, ...] = ()
-    """Why the FMU cannot run here; none if it can."""
+    """The reasons why the FMU cannot run here; empty if it can run."""
     findings: tuple[str, ...] = ()
-    """Rules that the file breaks, though it can be read."""
+    """The rules of FMI that the file breaks. It can be read all the same."""
     once_per_process: bool = False
     needs_tool: bool = False
     """Whether the tool that made the FMU must be installed to run it."""
@@ -103,13 +103,17 @@ class Fmu:
         return tuple(v.name for v in self.variables.values() if v.causality == "output")
 
     def unit(self, name: str) -> Unit | None:
-        """What this file means by a unit: what it states, else what its name says; None for an unknown name."""
+        """The meaning of a unit name in this file; None if it is unknown.
+
+        A BaseUnit of the file decides. Without one, the name is read as usual.
+        """
         return resolve_unit(name, self.base_units)
 
     def extract(self, folder: Path) -> Path:
-        """Unpack into ``folder`` what a run on this machine needs; the path of the library.
+        """Unpack the binaries for this machine and the resources into ``folder``. Returns the path of the library.
 
-        Raises DescriptionError if the archive is hostile or has changed since it was read, or if ``folder`` is full.
+        Raises DescriptionError if the FMU cannot run on this machine, if the archive is hostile or has changed since it
+        was read, or if ``folder`` cannot take the files.
         """
         if self.library is None:
             raise DescriptionError([f"{self.path.name}: {obstacle}" for obstacle in self.obstacles])
@@ -118,15 +122,16 @@ class Fmu:
         binaries = str(PurePosixPath(self.library).parent) + "/"
         with zipfile.ZipFile(self.path) as archive:
             unpack(archive, folder, lambda name: name.startswith((binaries, "resources/")), _single)
-        # FMUs are told where it is, and some look there even if they brought nothing.
+        # The FMU is told the path of this folder. Some FMUs open it even if they have no resources.
         (folder / "resources").mkdir(exist_ok=True)
         return folder.joinpath(*PurePosixPath(self.library).parts)
 
 
 def read_fmu(path: Path) -> Fmu:
-    """Read the FMU at ``path``, of any version of FMI. Raises DescriptionError for a file that is no readable FMU.
+    """Read the FMU at ``path``, of any version of FMI. Raises DescriptionError if the file is not a readable FMU.
 
-    What only keeps it from running is in ``obstacles``; broken rules that do not matter are in ``findings``.
+    An FMU that can be read but not run has the reasons in ``obstacles``. Broken rules that do no harm are in
+    ``findings``.
     """
     try:
         return _read(path.resolve(), _stamp(path))
@@ -148,7 +153,7 @@ def platform_folders() -> tuple[str, ...]:
 
 
 def _single(name: str) -> bool:
-    """Whether one content only may have this name in an FMU: what it describes, and what runs."""
+    """Whether all members of this name must have the same content: the model description and the binaries."""
     return name == "modelDescription.xml" or name.startswith("binaries/")
 
 
@@ -242,7 +247,7 @@ TIMES = ("startTime", "stopTime", "stepSize", "tolerance")
 
 
 def _time(experiment: Any, name: str, findings: list[str]) -> float | None:
-    """A number of DefaultExperiment."""
+    """A number of DefaultExperiment; None if it is missing or not a number."""
     text = None if experiment is None else getattr(experiment, name)
     try:
         return None if text is None else float(text)
@@ -252,7 +257,7 @@ def _time(experiment: Any, name: str, findings: list[str]) -> float | None:
 
 
 def _obstacles(model: Any, version: int) -> list[str]:
-    """Why an FMU cannot run here, whatever the machine."""
+    """The reasons why an FMU cannot run here that do not depend on the machine."""
     if version not in (2, 3):
         return [f"FMI {model.fmiVersion}. FMUs of FMI 2.0 and 3.0 run here: take one of these."]
     if model.coSimulation is None and model.modelExchange is None and model.scheduledExecution is not None:
@@ -274,7 +279,7 @@ def _platforms(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _no_binary(folders: list[str], identifier: str, extension: str, names: list[str]) -> str:
-    """What to say if this machine cannot run an FMU."""
+    """The message for an FMU that has no binary for this machine."""
     others = [
         name
         for folder in folders
@@ -294,7 +299,7 @@ def _no_binary(folders: list[str], identifier: str, extension: str, names: list[
 
 
 def _arrays(names: Iterable[str]) -> dict[str, Array]:
-    """The arrays that element names make, in the order of the file."""
+    """The arrays whose elements are among the names, in the order of the file."""
     found: dict[str, dict[tuple[int, ...], str]] = {}
     for name in names:
         match = ELEMENT.fullmatch(name)

@@ -1,4 +1,4 @@
-"""Where FMUs, systems and studies are found by name: the one place for all commands and functions."""
+"""Finds FMUs, systems and studies by name. All commands and functions search here."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 CHECKOUT = _PACKAGE.parents[1]
-"""The folder of the source tree, if the package is installed from one as editable."""
+"""The folder of the source tree, if the package is an editable installation."""
 
 
 PREBUILT = _PACKAGE / "prebuilt"
-"""FMUs that come with the installed package; a checkout has none there."""
+"""FMUs that come with the installed package. A checkout does not have this folder."""
 
 
 def has_ending(path: str | Path, *endings: str) -> bool:
-    """Whether a file name has one of these endings, in capitals or not."""
+    """Whether a file name has one of these endings; upper and lower case count as equal."""
     return Path(path).suffix.lower() in endings
 
 
@@ -34,10 +34,10 @@ def has_ending(path: str | Path, *endings: str) -> bool:
 
 
 def find_fmus(folder: Path | None = None) -> Path | None:
-    """The folder of FMUs given by name, None if there is none.
+    """The folder in which FMUs are looked up by name; None if there is none.
 
-    It is ``build/fmus/native`` in or above ``folder`` or the working directory; else the FMUs that come with the
-    package; else those built in the checkout from which the package is installed.
+    The first of these folders that exists: ``build/fmus/native`` in or above ``folder``, the same in or above the
+    working directory, the FMUs that come with the package, the FMUs built in the checkout of the package.
     """
     for start in ([] if folder is None else [folder.resolve()]) + [Path.cwd()]:
         for place in (start, *start.parents):
@@ -53,14 +53,15 @@ def fmus_in(folder: Path) -> dict[str, Path]:
 
 
 def is_fmu_path(text: str) -> bool:
-    """Whether an FMU is given by its path rather than by name."""
+    """Whether ``text`` is the path of an FMU rather than its name."""
     return has_ending(text, ".fmu") or "/" in text or "\\" in text
 
 
 def find_fmu(text: str, fmus: Path | None = None, folder: Path | None = None) -> Path:
-    """The file of an FMU given by path, from ``folder``, or by name in ``fmus`` (``find_fmus`` if not given).
+    """The file of an FMU. ``text`` is a path, relative to ``folder``, or a name in the folder ``fmus``.
 
-    Raises DescriptionError for a name that is not there; a path is not looked at.
+    Without ``fmus``, ``find_fmus`` gives the folder. Raises DescriptionError for an unknown name. Whether a path exists
+    is not checked.
     """
     if is_fmu_path(text):
         return Path(text) if folder is None else folder / text
@@ -82,14 +83,14 @@ def find_fmu(text: str, fmus: Path | None = None, folder: Path | None = None) ->
 
 
 def study_folders() -> tuple[Path, ...]:
-    """Where studies are looked for: beside the package's source tree, then inside the installed package."""
+    """The folders in which studies are looked for: first in the source tree, then inside the installed package."""
     return (CHECKOUT / "studies", _PACKAGE / "studies")
 
 
 def shipped_file(path: str | Path) -> Path:
-    """``path``; if there is no such file, the one of that name which comes with cosim, if there is one.
+    """``path`` if it exists, else the file of this name that comes with cosim. Returns ``path`` if there is neither.
 
-    The name is that in the folder ``studies``: ``shams2010/fsmc_5sin`` or ``studies/shams2010/fsmc_5sin.toml``.
+    Names start at the folder ``studies``: ``shams2010/fsmc_5sin`` or ``studies/shams2010/fsmc_5sin.toml``.
     """
     path = Path(path)
     name = path.relative_to("studies") if path.is_relative_to("studies") else path
@@ -122,18 +123,18 @@ def _shipped(pattern: str) -> Iterator[Path]:
 
 
 def _is_system(path: Path) -> bool:
-    """Whether a TOML file is a system: it has instances, or completes a file that has."""
+    """Whether a TOML file is a system: it has instances, or has a base file to complete."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return True  # a damaged system is listed as such
+        return True  # A damaged file is listed, so that its error is seen.
     return "instances" in document or "base" in document
 
 
 def find_system(text: str, fmus: Path | None = None) -> Path:
-    """The file of a system given by path or by its name among those shipped; an FMU, by path or name, is one, too.
+    """The file of a system. ``text`` is a path, the name of a system that comes with cosim, or an FMU (path or name).
 
-    Raises DescriptionError for a name that is neither; a path is not looked at.
+    Raises DescriptionError for an unknown name. Whether a path exists is not checked.
     """
     path = shipped_file(text)
     if path.is_file() or has_ending(text, *SYSTEM_ENDINGS, ".fmu"):

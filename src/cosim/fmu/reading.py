@@ -1,7 +1,7 @@
-"""A modelDescription.xml as FMPy reads it, and what is wrong in it.
+"""Reads a modelDescription.xml with FMPy and lists the rules of FMI that it breaks.
 
-Tools write descriptions that break a rule here or there. As long as the facts are there that a run needs, a broken rule
-is a finding and not the end: what FMPy cannot read is mended first, and every change is a finding, too.
+Many tools write descriptions that break some rule. A broken rule is only a finding as long as the file holds all that a
+run needs. Parts that FMPy cannot read are mended first. Every such change is a finding, too.
 """
 
 from __future__ import annotations
@@ -24,22 +24,25 @@ RULES: dict[str, tuple[str, ...]] = {
     "local": ("constant", "fixed", "tunable", "discrete", "continuous"),
     "independent": ("continuous",),
 }
-"""The variabilities that each causality of FMI 2.0 allows, the first for a variable that has none which is allowed."""
+"""For each causality, the variabilities that FMI 2.0 allows. The first one replaces one that is not allowed."""
 
 
 def read_description(source: str, xml: bytes) -> tuple[Any, list[str]]:
-    """FMPy's ModelDescription and the findings. Raises DescriptionError for what is no description of an FMU."""
+    """FMPy's ModelDescription and the findings. Raises DescriptionError if ``xml`` is not the description of an FMU.
+
+    ``source`` is the name of the FMU in messages.
+    """
     said = f"{source}: modelDescription.xml"
     try:
         root = parse(xml)
-    except Exception as error:  # lxml's own, for whatever a damaged file holds
+    except Exception as error:  # a damaged file can raise any exception of lxml
         raise DescriptionError(f"{said}: cannot be read: {error}") from None
     if root.tag != "fmiModelDescription" or root.get("fmiVersion") is None:
         raise DescriptionError(f"{said}: this is not the description of an FMU.")
     findings = _mend(root)
     with temporary_folder() as folder:
         file = folder / "modelDescription.xml"
-        # As it is where nothing was mended, so that the line numbers of findings are those of the file.
+        # If nothing was mended, the file is written unchanged: findings then have the line numbers of the original.
         file.write_bytes(import_module("lxml.etree").tostring(root) if findings else xml)
         try:
             return fmi.read_model_description(str(file), validate=True), findings
@@ -59,7 +62,7 @@ def _text(error: Exception, file: str) -> str:
 
 
 def _mend(root: Any) -> list[str]:
-    """Change what FMPy cannot read; what was changed."""
+    """Change the parts of a description that FMPy cannot read. Returns one finding for each change."""
     findings: list[str] = []
     version = root.get("fmiVersion")
     if re.fullmatch(r"2\.0\..+", version):
@@ -82,7 +85,7 @@ def _mend(root: Any) -> list[str]:
 
 
 def _mend_variability(variable: Any) -> list[str]:
-    """Give a variable of FMI 2.0 a variability that its causality allows."""
+    """Give a variable of FMI 2.0 a variability that its causality allows. Returns a finding if it had another."""
     causality, given = variable.get("causality", "local"), variable.get("variability")
     allowed = RULES.get(causality, ())
     chosen = given or "continuous"
@@ -98,7 +101,10 @@ def _mend_variability(variable: Any) -> list[str]:
 
 
 def _mend_structure(root: Any, count: int) -> list[str]:
-    """Take out of ModelStructure, and of derivatives, the numbers of variables that are not there."""
+    """Remove indices of missing variables from ModelStructure and from ``derivative`` attributes.
+
+    Returns one finding for each change.
+    """
     findings: list[str] = []
     for unknown in root.findall("ModelStructure/*/Unknown"):
         if not _in_range(unknown.get("index"), count):

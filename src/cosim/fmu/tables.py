@@ -1,6 +1,6 @@
-"""Tables in files: TOML read and checked against a model, with every problem at once, and TOML written.
+"""Reads TOML files, checks them against a model and reports all problems at once. Writes TOML files.
 
-A model is a pydantic class. Problems are told in the words of the other files: file, key, what is wrong, what to write.
+A model is a pydantic class. A problem names the file, the key, what is wrong and what to write instead.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Table(BaseModel):
-    """A table of a file; a key that it does not know is a problem."""
+    """A table of a file. A key without a field is reported as a problem."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", frozen=True, strict=True)
     EXAMPLE: ClassVar[str] = ""
-    """How such a table is written, told where something is missing."""
+    """An example of such a table, shown when something is missing."""
 
 
 def _number(value: object) -> float:
@@ -51,7 +51,7 @@ Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
 Positive = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False, gt=0.0)]
 Count = Annotated[int, Field(ge=1)]
 Scalar = Annotated[Any, BeforeValidator(_scalar), WithJsonSchema({"type": ["boolean", "number", "string"]})]
-"""A start value: a number, a text or true or false."""
+"""A start value: a number, a text, true or false."""
 Seconds = Annotated[Any, BeforeValidator(_seconds), WithJsonSchema({"type": ["number", "string"]})]
 """A number as it is written in the file, or a quotient such as "1/30"."""
 
@@ -60,7 +60,7 @@ Seconds = Annotated[Any, BeforeValidator(_seconds), WithJsonSchema({"type": ["nu
 
 
 def read_table(path: Path, model: type[Model]) -> Model:
-    """The file at ``path`` as ``model``. Raises DescriptionError with every problem."""
+    """Read the TOML file at ``path`` as a ``model``. Raises DescriptionError with all problems."""
     table, problems = checked(_floats(read_toml(path)), model, path.name)
     if problems or table is None:
         raise DescriptionError(problems)
@@ -68,7 +68,10 @@ def read_table(path: Path, model: type[Model]) -> Model:
 
 
 def checked(document: Mapping[str, Any], model: type[Model], name: str) -> tuple[Model | None, list[str]]:
-    """``document`` as ``model`` and the problems in it; keys that are not known do not stop the others."""
+    """``document`` as a ``model`` (None if it has problems), and the problems. ``name`` is the file they name.
+
+    Unknown keys are reported and removed, then the rest is checked again: an unknown key hides no other problem.
+    """
     problems: list[str] = []
     for _ in range(2):
         try:
@@ -145,14 +148,17 @@ def _place(steps: Sequence[str | int]) -> str:
 
 
 def _steps(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list[str | int], list[str]]:
-    """The keys of ``location`` without pydantic's names for members of unions, and the keys known in the last table."""
+    """The keys of ``location``, and the keys that the last table may have.
+
+    pydantic's ``location`` also names the chosen members of unions. They are left out.
+    """
     steps: list[str | int] = []
     known: list[str] = []
     kind: Any = model
     for part in location:
         kind, choices = _resolved(kind)
         if choices:
-            # The part names a member of a union.
+            # This part of the location names a member of a union.
             member = next((item for tag, item in choices if tag == part), None)
             if member is not None:
                 kind = member
@@ -171,7 +177,7 @@ def _steps(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list[
 
 
 def _resolved(kind: Any) -> tuple[Any, list[tuple[str, Any]]]:
-    """A type without its annotations, and the tagged members if it is a union of such."""
+    """A type without its annotations; and, if it is a union of tagged members, each tag with its type."""
     while get_origin(kind) is Annotated:
         kind = get_args(kind)[0]
     if get_origin(kind) not in (Union, UnionType):
@@ -189,7 +195,7 @@ def _resolved(kind: Any) -> tuple[Any, list[tuple[str, Any]]]:
 
 
 def _example(model: type[BaseModel], steps: Sequence[str | int]) -> str:
-    """How the table at a place is written; "" if its model does not say so."""
+    """An example of the table at the place ``steps``; "" if its model has none."""
     kind: Any = model
     for step in steps:
         kind, choices = _resolved(kind)
@@ -219,7 +225,7 @@ def _without(document: Mapping[str, Any], steps: Sequence[str | int]) -> dict[st
 
 
 def _floats(value: Any) -> Any:
-    """``value`` with all numbers that were read exactly as float."""
+    """``value`` with every Decimal in it converted to float."""
     if isinstance(value, Mapping):
         return {key: _floats(item) for key, item in cast("Mapping[str, Any]", value).items()}
     if isinstance(value, list):
@@ -231,7 +237,7 @@ def _floats(value: Any) -> Any:
 
 
 def toml(document: Mapping[str, Any], comment: str = "") -> str:
-    """The text of a TOML file, after ``comment``."""
+    """``document`` as the text of a TOML file that begins with ``comment``."""
     import tomli_w
 
     heading = "".join(f"# {line}\n" for line in comment.splitlines())
@@ -239,16 +245,17 @@ def toml(document: Mapping[str, Any], comment: str = "") -> str:
 
 
 def write_toml(path: Path, document: Mapping[str, Any], comment: str = "") -> Path:
-    """Write a TOML file in one go. Raises FileError."""
+    """Write a TOML file, whole or not at all. Raises FileError."""
     return write_file(path, toml(document, comment))
 
 
 def write_start(
     path: Path, values: Mapping[str, Any], *, base: str | None = None, comment: str = "", digits: int = 12
 ) -> Path:
-    """Write a system file with start values, INSTANCE.VARIABLE -> value; ``base`` is the file it completes.
+    """Write a system file with start values. The keys of ``values`` are INSTANCE.VARIABLE.
 
-    Numbers get ``digits`` significant digits. Raises FileError.
+    ``base`` is the system file that the new file completes. Numbers get ``digits`` significant digits.
+    Raises FileError.
     """
     instances: dict[str, dict[str, dict[str, Any]]] = {}
     for name, value in values.items():

@@ -15,13 +15,13 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-"""Byte order marks and what they announce."""
+"""Byte order marks and the encodings that they announce."""
 
 
 def read_text(path: Path) -> str:
-    """The text of a file in UTF-8, or in UTF-16 with a byte order mark; lines end with ``\\n``.
+    """The text of a file in UTF-8, or in UTF-16 with a byte order mark. All line ends become ``\\n``.
 
-    Raises DescriptionError.
+    Raises DescriptionError if the file is missing, cannot be read, or has another encoding.
     """
     try:
         content = path.read_bytes()
@@ -44,7 +44,10 @@ def read_text(path: Path) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The document of a TOML file; numbers with a point stay decimals. Raises DescriptionError."""
+    """The document of a TOML file. Numbers with a point are read as Decimal, exactly as they are written.
+
+    Raises DescriptionError if the file cannot be read or is not valid TOML.
+    """
     try:
         return tomllib.loads(read_text(path), parse_float=Decimal)
     except tomllib.TOMLDecodeError as error:

@@ -1,4 +1,4 @@
-"""The variables of an FMU: scalars of FMI 2.0, and those of FMI 3.0, arrays element by element."""
+"""The variables of an FMU of FMI 2.0 or 3.0. An array of FMI 3.0 becomes one variable for each element."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from typing import Any, Literal, cast
 from ..errors import DescriptionError
 
 Type = Literal["Real", "Integer", "Boolean", "String", "Enumeration", "Binary", "Clock"]
-"""Types in the words of FMI 2.0, and those that only FMI 3.0 has."""
+"""The types under their names in FMI 2.0; Binary and Clock exist only in FMI 3.0."""
 
 Value = float | int | bool | str
 
 MAX_VARIABLES = 2**20
-"""Variables of an FMU, the elements of its arrays counted: more would be a description meant to fill the memory."""
+"""Largest number of variables of an FMU, with every array element counted.
+
+A larger number can only be an attempt to fill the memory.
+"""
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,13 @@ class DisplayUnit:
 
 @dataclass(frozen=True)
 class Variable:
-    """A scalar variable of an FMU, or an element of an array of FMI 3.0; in the words of FMI 2.0."""
+    """A scalar variable of an FMU, or an element of an array of FMI 3.0. Attributes are named as in FMI 2.0."""
 
     name: str
     reference: int
     type: Type
     passed_as: str
-    """The type in the names of the FMI functions: ``Integer`` of fmi2SetInteger, ``Int64`` of fmi3SetInt64."""
+    """The type in the names of the FMI functions: ``Integer`` in fmi2SetInteger, ``Int64`` in fmi3SetInt64."""
     causality: str
     variability: str
     initial: str | None
@@ -51,9 +54,12 @@ class Variable:
     items: Mapping[str, int]
     """Names and values of an Enumeration, empty for other types."""
     derivative_of: str | None = None
-    """The state whose time derivative this is."""
+    """The name of the state, if this variable is its time derivative."""
     whole: tuple[str, ...] = ()
-    """Of an element of an array of FMI 3.0, which is set and read as a whole: the names of all elements, in order."""
+    """For an element of an array of FMI 3.0: the names of all elements of the array, in order. Else empty.
+
+    An array of FMI 3.0 is set and read as a whole.
+    """
 
     @property
     def settable(self) -> bool:
@@ -66,7 +72,10 @@ class Variable:
 
 
 def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:
-    """The variables of FMPy's ModelDescription by name; what is wrong with them goes to ``findings``."""
+    """The variables of FMPy's ModelDescription by name. Broken rules are appended to ``findings``.
+
+    Raises DescriptionError for too many variables, and for two different variables with one name.
+    """
     version, units = int(model.fmiMajorVersion), {unit.name: unit for unit in model.unitDefinitions}
     count = sum(math.prod(v.shape) for v in model.modelVariables)
     if count > MAX_VARIABLES:
@@ -83,12 +92,12 @@ def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:
 
 
 def read_dependencies(model: Any, variables: Mapping[str, Variable]) -> dict[str, tuple[str, ...]]:
-    """The inputs on which each output depends directly: all of them where the file does not say."""
+    """The inputs on which each output depends directly. If the file does not say, these are all inputs."""
     inputs = tuple(v.name for v in variables.values() if v.causality == "input")
     version = int(model.fmiMajorVersion)
 
     def key(v: Any) -> tuple[str, int]:
-        """What aliases share, and no other variables."""
+        """Type and value reference. Only aliases of a variable have both in common."""
         return _passed_as(v.type, version), int(v.valueReference)
 
     stated: dict[tuple[str, int], tuple[str, ...]] = {}
@@ -108,7 +117,7 @@ _TYPES: dict[str, Type] = {
     "Float32": "Real",
     **{f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)},
 }
-"""The types of FMI 3.0 that have a name of their own in FMI 2.0."""
+"""FMI 3.0 types that have another name in FMI 2.0."""
 
 
 def _passed_as(type_name: str, version: int) -> str:
@@ -116,14 +125,17 @@ def _passed_as(type_name: str, version: int) -> str:
 
 
 def _suffixes(shape: tuple[int, ...]) -> list[str]:
-    """What the elements of an array have behind its name, the last index fastest; one empty text for a scalar."""
+    """The indices behind the name for each element of an array, such as ``[1,2]``; the last index changes fastest.
+
+    A scalar has one empty text.
+    """
     if not shape:
         return [""]
     return [f"[{','.join(map(str, index))}]" for index in itertools.product(*(range(1, n + 1) for n in shape))]
 
 
 def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]) -> list[Variable]:
-    """The elements of a variable: itself, or those of an array."""
+    """The scalar variables that a variable of the file stands for: itself, or the elements of an array."""
     kind = _TYPES.get(v.type, cast(Type, v.type))
     declared = v.declaredType
 
@@ -169,7 +181,7 @@ def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]
 
 
 def _starts(v: Any, count: int, findings: list[str]) -> list[str | None]:
-    """The text of the start value of every element; one value stands for all."""
+    """The text of the start value of each element. A single value in the file holds for all elements."""
     if v.start is None or not v.shape or v.type in ("String", "Binary"):
         return [v.start] * count
     given = v.start.split()

@@ -1,4 +1,4 @@
-"""What the process that runs the FMUs shows to the one that watches it: where it is, and the rows so far."""
+"""Shared memory in which the process that runs the FMUs shows its progress and its rows to the watching process."""
 
 from __future__ import annotations
 
@@ -16,22 +16,28 @@ WINDOW, ROWS_0, ROWS_1, DRAINED, STOP, IN_LOOP, CALLS, IN_CALL, STEPPING, FINISH
 """Elements of ``flags``: see ``Board``."""
 
 _STATE = 32
-"""Numbers for the state of the loop: more than it has."""
+"""Numbers reserved for the state of the loop, which has less (``loop.STATE_LENGTH``)."""
 _FLAGS = 16
 _TEXT = 512
 _HEADER = 8 * (_STATE + _FLAGS) + _TEXT
 
 
 class Board:
-    """Shared memory of two processes: numbers and text that one writes and the other reads, without locks.
+    """Shared memory of two processes: one process writes numbers and text, the other reads them, without locks.
 
-    ``state`` is that of the inner loop. ``flags`` has ``CALLS``, the number of FMI calls made outside of the loop;
-    1 or 0 for ``IN_CALL`` (during such a call), ``IN_LOOP``, ``STEPPING`` (initialization is over) and ``FINISHED``
-    (the run came to its end, all instances are freed); and ``STOP``, by which the reader asks for an end.
+    ``state`` is the state of the inner loop. The elements of ``flags`` are:
 
-    Rows lie in one window, or take turns in two of ``capacity`` rows each: ``WINDOW`` is how many have been handed
-    over, ``ROWS_0`` and ``ROWS_1`` how many rows the last one in either place has, ``DRAINED`` how many of them were
-    taken.
+    - ``CALLS``: number of FMI calls made outside of the loop
+    - ``IN_CALL``: 1 during such a call, else 0
+    - ``IN_LOOP``: 1 while the loop runs, else 0
+    - ``STEPPING``: 1 after initialization
+    - ``FINISHED``: 1 when the run is at its end and all instances are freed
+    - ``STOP``: the reader sets it to 1 to ask for an end of the run
+    - ``WINDOW``: number of windows that the writer has handed over
+    - ``ROWS_0``, ``ROWS_1``: number of rows in the last window handed over at either place
+    - ``DRAINED``: number of windows that the reader has taken
+
+    Rows are in one window for the whole run, or in two windows of ``capacity`` rows that are filled in turn.
     """
 
     def __init__(self, memory: memoryview, columns: int, capacity: int, windows: int) -> None:
@@ -45,18 +51,19 @@ class Board:
 
     @staticmethod
     def size(columns: int, capacity: int, windows: int) -> int:
-        """Bytes that a board needs."""
+        """Number of bytes that a board needs."""
         return _HEADER + 8 * columns * capacity * windows
 
     @property
     def window(self) -> NDArray[np.float64]:
-        """The window that rows go to now."""
+        """The window that is being filled."""
         return self.rows[int(self.flags[WINDOW]) % len(self.rows)]
 
     def room(self) -> int:
-        """Rows that the window takes; one that is full is handed over, which waits for the other place to be free.
+        """Number of free rows in the window, at least 2: one chunk of steps can need so many.
 
-        At least 2, which is what one chunk of steps can need; a single window has that to spare at the end.
+        A full window is handed over. Then this waits until the reader has taken the other window. A single window has
+        2 spare rows at its end.
         """
         count = int(self.state[loop.ROWS])
         if len(self.rows) > 1 and self.capacity - count < 2:
@@ -77,7 +84,7 @@ class Board:
 
     @contextlib.contextmanager
     def call(self, instance: str, function: str) -> Generator[None]:
-        """Say what is called."""
+        """Announce a call of ``function`` on ``instance`` for the time of the ``with`` block."""
         text = f"{instance}\0{function}".encode()[:_TEXT].ljust(_TEXT, b"\0")
         self.text[:] = np.frombuffer(text, dtype=np.uint8)
         self.flags[CALLS] += 1
@@ -93,5 +100,5 @@ class Board:
         return instance, function
 
     def mark(self) -> tuple[int, ...]:
-        """What changes with every call."""
+        """Numbers of which at least one changes with every call."""
         return int(self.flags[CALLS]), int(self.flags[IN_CALL]), *(int(number) for number in self.state)

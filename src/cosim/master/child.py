@@ -1,7 +1,8 @@
-"""The process that runs the FMUs of an isolated run; ``isolation`` is its other side.
+"""The process that runs the FMUs of an isolated run. The watching process is in ``isolation``.
 
-It is forked or started anew. Its standard output and error go through a pipe to the watching process, as do messages
-and what came out; rows and state lie in shared memory. Whatever an FMU does to the process ends with it.
+It is forked, or started as a new Python process. A pipe carries its standard output and error to the watching process;
+another pipe carries messages and the outcome. Rows and state are in shared memory. Damage that an FMU does to this
+process ends with the process.
 """
 
 from __future__ import annotations
@@ -36,18 +37,18 @@ from .run import Interrupted, Run
 from .signals import ENDING, Presses
 
 HIGH = 400
-"""File numbers of the pipes: higher than those that an FMU closes which closes all it can think of."""
+"""Lowest file number of the pipes. Some FMUs close all low file numbers; they do not reach this one."""
 
 THREAD_SECONDS = 0.1
-"""How long the process waits for threads that an FMU has left running, to see whether they crash."""
+"""Time that the process waits for threads that an FMU has left running, in case they crash."""
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """What the process is to do."""
+    """The task of the process."""
 
     folder: Path
-    """Where FMUs are unpacked."""
+    """The folder where FMUs are unpacked."""
     debug: bool
     keep_going: bool
     columns: int
@@ -57,28 +58,28 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended: with ``solver`` counters, or with an error, of which class, text and attributes travel."""
+    """How a run ended: with ``solver`` counters, or with an error (its class, arguments and attributes)."""
 
     seconds: float
     dropped_messages: int
     solver: Mapping[str, Mapping[str, float]]
     stopped: bool = False
     ended: bool = False
-    """Whether an FMU asked for the end, which makes it a whole run."""
+    """Whether an FMU asked for the end. The run is then complete."""
     error: tuple[type[CosimError], tuple[Any, ...], dict[str, Any]] | None = None
     bug: str = ""
-    """The traceback of an exception that nobody expected."""
+    """The traceback of an unexpected exception."""
 
 
 class Channel:
-    """The way of messages and outcome to the watching process: pickles, each after its length."""
+    """Sends messages and the outcome to the watching process, as pickles; the length of each is sent before it."""
 
     def __init__(self, number: int) -> None:
         self._number = number
         self._lock = threading.Lock()
 
     def send(self, item: object) -> None:
-        """Write ``item`` whole; nothing if the pipe is gone, closed by an FMU or by the end of the other side."""
+        """Write all of ``item``. Does nothing if the pipe is closed: by an FMU, or because the other side has ended."""
         content = pickle.dumps(item)
         view = memoryview(len(content).to_bytes(8, "little") + content)
         with self._lock, contextlib.suppress(OSError):
@@ -87,7 +88,7 @@ class Channel:
 
 
 def serve(system: System | Callable[[], System], job: Assignment, memory: mmap.mmap, channel: Channel) -> None:
-    """Run ``system`` and tell what came out. Does not return."""
+    """Run ``system`` and send the outcome. Does not return."""
     code = 1
     try:
         _quiet()
@@ -105,12 +106,12 @@ def serve(system: System | Callable[[], System], job: Assignment, memory: mmap.m
     except BaseException:
         channel.send(Ending(0.0, 0, {}, bug=traceback.format_exc()))
     finally:
-        # No handler of the process from which this one was forked may run here.
+        # This process was forked. No exit handler of its parent may run here.
         os._exit(code)
 
 
 def _run(system: System | Callable[[], System], job: Assignment, board: Board, channel: Channel) -> None:
-    """Run from loading to freeing; what came out is sent before the FMUs are freed, which may go wrong, too."""
+    """Load the FMUs, run, and free them. The outcome is sent before they are freed, because freeing may crash."""
     try:
         if not isinstance(system, System):
             system = system()
@@ -143,11 +144,14 @@ def _seconds(result: Result | None) -> float:
 
 
 def _quiet() -> None:
-    """Only the watching process ends this one, and only its standard output is that of the command."""
+    """Ignore signals, and send printed text to the pipes.
+
+    Only the watching process ends this process, and only its standard output is the standard output of the command.
+    """
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     faulthandler.disable()
-    # Collecting garbage among the objects from before a fork would copy the memory that both processes share.
+    # After a fork, both processes share memory. Garbage collection of the older objects would copy it.
     gc.freeze()
     sys.stdin = io.StringIO()
     # Python FMUs print to these.
@@ -155,20 +159,21 @@ def _quiet() -> None:
     sys.stderr = open(2, "w", buffering=1, encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):
-            # 1: PR_SET_PDEATHSIG. If the watching process is killed, this one goes, too.
+            # 1 is PR_SET_PDEATHSIG: if the watching process is killed, this process is killed, too.
             ctypes.CDLL(None).prctl(1, signal.SIGKILL)
         with contextlib.suppress(OSError, AttributeError):
-            # An FMU that calls exit ends here at once: what libraries of the process from which this one was forked do
-            # at their end (join threads that are not here) could wait for ever. Handlers run last come, first served.
+            # If an FMU calls exit, the process ends at once. Without this, exit handlers of libraries of the parent
+            # process would run; they could wait for ever for threads that a fork does not copy. The handler that is
+            # registered last runs first.
             library = ctypes.CDLL(None)
             library.on_exit(library._exit, None)
         with contextlib.suppress(OSError):
-            # An FMU that takes all memory is to be ended, not another process.
+            # If an FMU takes all memory, the system should kill this process and no other.
             Path("/proc/self/oom_score_adj").write_text("1000")
 
 
 def _threads() -> int:
-    """Threads of this process, also those that Python does not know; 0 where that cannot be told."""
+    """Number of threads of this process, including threads unknown to Python; 0 on systems without /proc."""
     try:
         return len(os.listdir("/proc/self/task"))
     except OSError:
@@ -176,7 +181,7 @@ def _threads() -> int:
 
 
 def high(number: int) -> int:
-    """A copy of an open file with a high number, not inherited by programs that are started."""
+    """A copy of an open file with a high file number. Programs started by this process do not inherit it."""
     if sys.platform == "win32":
         return os.dup(number)
     import fcntl
@@ -184,12 +189,12 @@ def high(number: int) -> int:
     try:
         return fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, HIGH)
     except OSError:
-        # Fewer files than that are allowed here.
+        # The limit of open files is lower than HIGH.
         return fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, 3)
 
 
 def started() -> None:
-    """The main program of a process that was started anew: the job comes in on standard input."""
+    """The main program of a new process (not a fork). It reads its job from standard input."""
     channel = Channel(high(1))
     os.dup2(2, 1)
     given = pickle.load(sys.stdin.buffer)

@@ -1,7 +1,7 @@
 """An instance of an FMU of FMI 3.0.
 
-Event mode is not used, though many FMUs offer it: they handle their events within fmi3DoStep then, as those of FMI 2.0
-do, so that a system gives the same results with FMUs of either version.
+Event mode is not used, though many FMUs offer it. Without it, an FMU handles its events within fmi3DoStep, as an FMU of
+FMI 2.0 does. Therefore a system gives the same results with FMUs of either version.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ fmi3: Any = import_module("fmpy.fmi3")
 
 
 class Fmi3Instance(FmuInstance):
-    """An instance on FMPy's FMU3Slave: arrays are set and read as a whole, elements have names here."""
+    """An instance on FMPy's FMU3Slave. FMI 3.0 sets and gets arrays as a whole; here, each element has a name."""
 
     prefix = "fmi3"
     types: ClassVar[Mapping[str, int]] = loop.FMI3_TYPES
@@ -46,10 +46,13 @@ class Fmi3Instance(FmuInstance):
         self.call("fmi3EnterInitializationMode", tolerance > 0.0, tolerance, start, True, stop)
 
     def terminated_at(self) -> float | None:
-        return None  # fmi3DoStep says it with a flag
+        return None  # fmi3DoStep has an output argument for this
 
     def set_all(self, values: Mapping[str, Any]) -> None:
-        """Set variables by name; elements of an array that are not among them get their start value."""
+        """Set variables by name. If only some elements of an array are given, the others get their start values.
+
+        Raises CallError.
+        """
         for kind, group in self._grouped(values).items():
             for variable, elements in self._wholes(group):
                 default: Any = "" if kind == "String" else 0
@@ -57,7 +60,7 @@ class Fmi3Instance(FmuInstance):
                 self._set(kind, variable, [default if value is None else value for value in given])
 
     def set(self, variable: Variable, value: Any) -> None:
-        """Set one variable; the other elements of its array stay as they are."""
+        """Set one variable. If it is an array element, the other elements keep their values. Raises CallError."""
         if not variable.whole:
             self._set(variable.passed_as, variable, [value])
             return
@@ -99,7 +102,7 @@ class Fmi3Instance(FmuInstance):
         self.call(f"fmi3Set{kind}", value_references([variable]), 1, self._buffer(kind, values), len(values))
 
     def _get(self, variable: Variable) -> Any:
-        """The values of a variable, or of the whole array of which it is an element."""
+        """The value of a variable, or all values of the array that it belongs to."""
         buffer = self._buffer(variable.passed_as, [0] * max(len(variable.whole), 1))
         self.call(f"fmi3Get{variable.passed_as}", value_references([variable]), 1, buffer, len(buffer))
         return buffer
@@ -109,7 +112,7 @@ class Fmi3Instance(FmuInstance):
 
 
 def wholes(variables: Mapping[str, Variable], group: Iterable[Variable]) -> list[tuple[Variable, tuple[Variable, ...]]]:
-    """What one value reference stands for: each variable, or its whole array once, with all elements."""
+    """One entry for each value reference: a variable of the group, and all elements of its array (or itself)."""
     found: dict[str, tuple[Variable, tuple[Variable, ...]]] = {}
     for variable in group:
         names = variable.whole or (variable.name,)

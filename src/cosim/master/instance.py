@@ -1,4 +1,4 @@
-"""One FMU instance on FMPy: its calls checked, its messages kept."""
+"""One FMU instance on FMPy: checks the status of its calls and keeps its messages."""
 
 from __future__ import annotations
 
@@ -42,19 +42,22 @@ FATAL = 4
 
 
 TERMINATED, LAST_SUCCESSFUL_TIME = 3, 2
-"""What fmi2GetBooleanStatus and fmi2GetRealStatus are asked for."""
+"""Values of fmi2StatusKind for fmi2GetBooleanStatus and fmi2GetRealStatus."""
 
 
 MAX_MESSAGES = 10_000
-"""Messages of each status that are kept of an instance in a run: many OK messages cannot crowd out a warning."""
+"""Largest number of messages kept for each instance and status in a run.
+
+The limit holds for each status alone, so that many OK messages cannot displace a warning.
+"""
 
 
 MAX_TEXT = 10_000
-"""Characters of a message that are kept."""
+"""Largest number of characters kept of a message."""
 
 
 class RunError(SimulationError):
-    """Something ended a run early; ``result`` holds what was computed."""
+    """A run ended early, at ``time`` in s. ``result`` holds the rows computed so far."""
 
     def __init__(self, text: str, *, time: float, message: str = "") -> None:
         self.time = time
@@ -64,7 +67,7 @@ class RunError(SimulationError):
 
 
 class CallError(RunError):
-    """An FMI call failed: who, which function, when, which status, and the last message of the FMU."""
+    """An FMI call failed. The text names instance, function, time in s, status and the last message of the FMU."""
 
     def __init__(
         self, instance: str, function: str, *, time: float, status: str, message: str, remedy: str = ""
@@ -79,22 +82,22 @@ class CallError(RunError):
 
 
 LEVELS = {"OK": logging.INFO, "Warning": logging.WARNING, "Discard": logging.WARNING}
-"""Level in Python's logging for each status; that of all others is ERROR."""
+"""Level in Python's logging for each status; all other statuses have the level ERROR."""
 
 
 def log_message(message: Message) -> None:
-    """Hand a message of an FMU to Python's logger ``cosim.fmu``."""
+    """Send a message of an FMU to Python's logger ``cosim.fmu``."""
     logging.getLogger("cosim.fmu").log(LEVELS.get(message.status, logging.ERROR), "%s", message)
 
 
 class Log:
-    """Messages of one instance. FMUs find it by a number, which travels as their component environment."""
+    """The messages of one instance. The FMU passes the log's number as its component environment."""
 
     _numbers: ClassVar = itertools.count(1)
     _open: ClassVar[dict[int, Log]] = {}
 
     sink: ClassVar[Callable[[Message], None]] = staticmethod(log_message)
-    """Gets every message that is kept, when it comes."""
+    """Called with every message that is kept, as soon as it arrives."""
 
     def __init__(self, instance: str) -> None:
         self.instance = instance
@@ -103,7 +106,7 @@ class Log:
         self.begin(lambda: 0.0)
 
     def begin(self, clock: Callable[[], float]) -> None:
-        """Forget all messages; those to come get their time from ``clock``."""
+        """Forget all messages. Later messages get their time from ``clock``, in s."""
         self.clock = clock
         self.messages: list[Message] = []
         self.dropped = 0
@@ -129,10 +132,10 @@ class Log:
 
     @classmethod
     def receive(cls, environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
-        """What FMUs call to log, while the loop runs, too."""
+        """The logger callback of FMUs. They also call it while the loop runs."""
         log = cls._open.get(environment or 0)
         if log is None:
-            # FMPy keeps one logger for the process; this FMU was loaded by someone else.
+            # FMPy has one logger for the whole process. Other code has loaded this FMU.
             fmi1.printLogMessage(environment, name, status, category, message)
         else:
             log.add(status, (category or b"").decode("utf-8", "replace"), (message or b"").decode("utf-8", "replace"))
@@ -147,22 +150,23 @@ def _callbacks(environment: int) -> Any:
     callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
     callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
     callbacks.componentEnvironment = environment
-    # Formats the variable arguments of a message in C. FMPy hands all messages to the logger added last: add it anew.
+    # The proxy formats the variable arguments of a message in C. FMPy passes all messages to the logger that was added
+    # last. Therefore it is added again for every instance.
     fmi_logging.addLoggerProxy(ctypes.byref(callbacks))
     return callbacks
 
 
 _LOADING = threading.Lock()
-"""Held while FMPy loads a library, for which it changes the working directory of the process."""
+"""Held while FMPy loads a library, because FMPy then changes the working directory of the process."""
 
 
 class FmuInstance:
-    """An instance of an FMU of FMI 2.0, on FMPy's FMU2Slave: its calls checked, its messages kept."""
+    """An instance of an FMU of FMI 2.0, on FMPy's FMU2Slave. Checks the status of its calls and keeps its messages."""
 
     prefix = "fmi2"
-    """How the names of its functions begin."""
+    """The beginning of the names of its FMI functions."""
     types: ClassVar[Mapping[str, int]] = loop.FMI2_TYPES
-    """The loop's number of each type by its name in the functions that set and get values."""
+    """The loop's number of each type, by the name of the type in the FMI functions."""
     _state = "FMUstate"
 
     def __init__(
@@ -217,7 +221,10 @@ class FmuInstance:
         self._slave.instantiate(callbacks=_callbacks(self.log.number), loggingOn=True)
 
     def _log_less(self) -> None:
-        """Let the FMU log only what goes wrong. Logging is no part of the model: one that cannot choose goes on."""
+        """Let the FMU log only warnings and errors.
+
+        Logging is not part of the model. If the FMU cannot choose what it logs, the run goes on.
+        """
         categories = [category.encode() for category in self.fmu.log_categories if category.startswith("logStatus")]
         if not categories:
             return
@@ -236,7 +243,7 @@ class FmuInstance:
         return int(self._slave.component)
 
     def address(self, function: str) -> int:
-        """Where an FMI function of the loaded library is."""
+        """The address of an FMI function in the loaded library."""
         return cast(int, ctypes.cast(getattr(self._slave.dll, function), ctypes.c_void_p).value)
 
     def call(self, function: str, *arguments: Any) -> Any:
@@ -257,7 +264,7 @@ class FmuInstance:
         return CallError(self.name, function, time=self.log.clock(), status=name, message=self.log.last, remedy=remedy)
 
     def enter_initialization(self, start: float, stop: float, tolerance: float) -> None:
-        """Tell the times, and the tolerance unless it is 0, and enter initialization mode."""
+        """Set start and stop time in s and the tolerance (0: none), and enter initialization mode. Raises CallError."""
         self.call("fmi2SetupExperiment", tolerance > 0.0, tolerance, start, True, stop)
         self.call("fmi2EnterInitializationMode")
 
@@ -271,7 +278,10 @@ class FmuInstance:
         self.call(f"{self.prefix}Reset")
 
     def terminated_at(self) -> float | None:
-        """The last time reached if the FMU, whose step returned Discard, asked to end the simulation; else None."""
+        """The last time in s that the FMU reached, if it asked to end the simulation; else None.
+
+        Called after fmi2DoStep has returned Discard.
+        """
         with contextlib.suppress(CallError):
             ended, time = ctypes.c_int(), ctypes.c_double(-math.inf)
             self.call("fmi2GetBooleanStatus", TERMINATED, ctypes.byref(ended))
@@ -282,7 +292,7 @@ class FmuInstance:
         return None
 
     def free(self) -> None:
-        """Free the instance and its library, unless it said Fatal."""
+        """Free the instance and its library, except after the status Fatal."""
         if self._slave is not None and not self.fatal:
             with self._calling(f"{self.prefix}FreeInstance"):
                 self._slave.freeInstance()
@@ -296,7 +306,7 @@ class FmuInstance:
         self.set_all({variable.name: value})
 
     def set_all(self, values: Mapping[str, Any]) -> None:
-        """Set variables by name, those of one type in one call."""
+        """Set variables by name, with one call for each type. Raises CallError."""
         for kind, group in self._grouped(values).items():
             references = value_references(group)
             self.call(f"fmi2Set{kind}", references, len(group), self._buffer(kind, [values[v.name] for v in group]))
@@ -308,7 +318,7 @@ class FmuInstance:
         return float(buffer[0])
 
     def get_all(self, names: Iterable[str]) -> dict[str, float]:
-        """Read numeric variables by name, those of one type in one call."""
+        """Read numeric variables by name, with one call for each type. Raises CallError."""
         found: dict[str, float] = {}
         for kind, group in self._grouped(names).items():
             buffer = self._buffer(kind, [0] * len(group))
@@ -317,7 +327,7 @@ class FmuInstance:
         return found
 
     def keep(self, start: Mapping[str, Any]) -> None:
-        """Set again the start values that the FMU lost when initialization began: some take their own ones then."""
+        """Set start values again if the FMU lost them. Some FMUs return to their own values at initialization."""
         variables = self.fmu.variables
         given = {
             name: float(value)
@@ -330,20 +340,20 @@ class FmuInstance:
         except CallError:
             if self.fatal:
                 raise
-            return  # an FMU that shows no values now is taken at its word
+            return  # the FMU does not give its values in this mode, so nothing can be compared
         lost = [name for name, value in given.items() if found[name] != value]
         if lost:
             self.set_all({name: start[name] for name in lost})
 
     def derivatives(self, unknowns: Sequence[Variable], known: Variable) -> Sequence[float]:
-        """Partial derivatives of ``unknowns`` by ``known`` where the instance is now."""
+        """Partial derivatives of ``unknowns`` by ``known`` in the current state of the instance. Raises CallError."""
         found, seed = (ctypes.c_double * len(unknowns))(), (ctypes.c_double * 1)(1.0)
         rows, column = value_references(unknowns), value_references([known])
         self.call("fmi2GetDirectionalDerivative", rows, len(unknowns), column, 1, seed, found)
         return list(found)
 
     def _grouped(self, names: Iterable[str]) -> dict[str, list[Variable]]:
-        """Variables by the type as which they are passed."""
+        """Variables grouped by the type in the names of the FMI functions."""
         groups: dict[str, list[Variable]] = {}
         for name in names:
             variable = self.fmu.variables[name]
@@ -351,7 +361,7 @@ class FmuInstance:
         return groups
 
     def _buffer(self, kind: str, values: Sequence[Any]) -> Any:
-        """Values of a type as a ctypes array."""
+        """Values of the type ``kind`` as a ctypes array."""
         if kind == "String":
             return (ctypes.c_char_p * len(values))(*(value.encode() for value in values))
         return (loop.TYPES[self.types[kind]][1] * len(values))(*values)
@@ -359,13 +369,13 @@ class FmuInstance:
     # State
 
     def save(self) -> Any:
-        """The FMU's state, for ``restore``."""
+        """Save the FMU's state for ``restore``. Raises CallError."""
         state = ctypes.c_void_p()
         self.call(f"{self.prefix}Get{self._state}", ctypes.byref(state))
         return state
 
     def restore(self, state: Any) -> None:
-        """Go back to a saved state."""
+        """Go back to a saved state. Raises CallError."""
         self.call(f"{self.prefix}Set{self._state}", state)
 
     def forget(self, state: Any) -> None:
@@ -379,7 +389,7 @@ class FmuInstance:
 
 @contextlib.contextmanager
 def _working_folder(folder: Path) -> Generator[None]:
-    """Come back to the working folder at the end; go to ``folder`` if that in which the process is has been deleted."""
+    """Return to the present working folder at the end. If it has been deleted, ``folder`` takes its place."""
     try:
         place = os.getcwd()
     except FileNotFoundError:

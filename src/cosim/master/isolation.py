@@ -1,7 +1,7 @@
-"""A run whose FMUs live in a process of their own: whatever they do to it, the run is reported and its rows are kept.
+"""A run whose FMUs are in another process. Even if they crash this process, the run is reported and its rows are kept.
 
-The process is forked where that is safe, otherwise started anew. This side only watches: it reads where the run is
-from shared memory, collects messages, ends a process that hangs, and tells what happened.
+The other process is forked if this is safe, otherwise it is a new Python process. This module is the watching side: it
+reads the progress from shared memory, collects messages, kills a process that hangs, and reports what happened.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ from .run import Interrupted, Progress, check_memory, make_result, row_times
 from .signals import Presses, counted
 
 POLL_SECONDS = 0.05
-"""How often the watching process looks; a message or the end of the run wakes it at once."""
+"""Time between two looks of the watching process. A message or the end of the run wakes it at once."""
 
 GRACE_SECONDS = 0.4
-"""How long a call may go on after Ctrl-C before the process is ended: the command reacts within a second."""
+"""Time that a call may go on after Ctrl-C before the process is killed, so that the command ends within a second."""
 
 JOIN_SECONDS = 0.5
-"""How long to wait for what is still in the pipes of a process that has ended."""
+"""Longest time to read the rest of the pipes of a process that has ended."""
 
 WINDOW_BYTES = 2**24
-"""Size of a window of rows, of which there are two, if the rows do not stay in memory."""
+"""Size of each of the two windows of rows, if the rows are not all kept in memory."""
 
 PRINTED_LINES = 1000
-"""Lines that FMUs print which are kept."""
+"""Largest number of lines printed by FMUs that are kept."""
 
 MAX_FRAME = 2**26
-"""Bytes of the largest message or outcome that can be meant."""
+"""Largest size of a message or outcome in bytes. A larger number means that the pipe holds something else."""
 
 
 class ProcessError(CallError):
-    """The process of the FMUs crashed, was ended by an FMU, or did not come back from a call.
+    """The process of the FMUs crashed, was ended by an FMU, or did not return from a call.
 
-    ``instance`` and ``function`` say which call it was in, or had come from; ``status`` is "Crash", "Exit" or
-    "Timeout"; ``result`` holds all complete rows.
+    ``instance`` and ``function`` name the present or last call. ``status`` is "Crash", "Exit" or "Timeout". ``result``
+    holds all complete rows.
     """
 
     def __init__(self, text: str, instance: str, function: str, *, time: float, status: str) -> None:
@@ -61,14 +61,14 @@ class ProcessError(CallError):
 
 
 class RecordError(RunError):
-    """The record of a run could not be written while it went on; ``result`` holds what was kept in memory."""
+    """The record of a run could not be written during the run. ``result`` holds the rows kept in memory."""
 
 
 class RecordSink(Protocol):
-    """Takes rows while the run goes on."""
+    """Takes rows during the run."""
 
     def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
-        """Take the next rows. Raises FileError, which ends the run."""
+        """Take the next rows, one for each of ``times`` in s. Raises FileError; this ends the run."""
         ...
 
 
@@ -85,14 +85,14 @@ def simulate_isolated(
 ) -> Result:
     """Run ``system`` once in another process.
 
-    An FMI call that takes longer than ``timeout`` seconds ends the run. If all rows, with their times, need more than
-    ``most_bytes``, memory stays flat: ``sink`` gets all of them as they come, and the result holds every n-th row only,
-    as if ``decimation`` were larger. ``fork`` says whether to fork (default: where that is safe).
-    Raises what ``simulate`` raises, ProcessError, and RecordError if ``sink`` fails.
+    An FMI call that takes longer than ``timeout`` seconds ends the run. If all rows with their times need more than
+    ``most_bytes``, the result holds only every n-th row, as if ``decimation`` were larger; ``sink`` gets all rows
+    during the run. ``fork``: whether to fork (default: if this is safe).
+    Raises the errors of ``simulate``, ProcessError, and RecordError if ``sink`` fails.
     """
     rows = system.steps // system.decimation + 1
     columns = len(system.record)
-    # The loop may leave room for two rows in a window.
+    # Two spare rows, see Board.room.
     capacity, windows = rows + 2, 1
     size = 8 * rows * (1 + columns)
     if most_bytes is not None and size > most_bytes:
@@ -105,7 +105,7 @@ def simulate_isolated(
         every = 1 if windows == 1 or most_bytes is None else -(-size // most_bytes)
         with shared_memory(folder, Board.size(columns, capacity, windows), shared_file=not fork) as (memory, file):
             board = Board(memoryview(memory), columns, capacity, windows)
-            # Loaded here, it is there after a fork.
+            # Load the loop before the fork, so that the child has it.
             loop.compiled()
             process = fork_process(system, job, memory) if fork else start_process(system, job, file)
             watch = _Watch(system, process, board, timeout=timeout, progress=progress, sink=sink, every=every)
@@ -141,7 +141,7 @@ class _Watch:
         self.timed_out = False
         self.failed: FileError | None = None
         self.taken = 0
-        """Rows that were taken from windows."""
+        """Number of rows taken from windows."""
         self.kept: list[NDArray[np.float64]] = []
         self.mark: tuple[int, ...] = ()
         self.since = self.started
@@ -160,7 +160,8 @@ class _Watch:
             self.process.kill()
             for reader, file in readers:
                 reader.join(JOIN_SECONDS)
-                # A process that an FMU has started and that got away may hold the pipe: the thread is a daemon.
+                # A process that an FMU has started may have left the group and still hold the pipe. Then the reader
+                # does not end; it is a daemon thread.
                 if not reader.is_alive():
                     file.close()
         while not self.came.empty():
@@ -168,10 +169,10 @@ class _Watch:
         return self.result(presses)
 
     def wait(self, presses: Presses) -> None:
-        """Until the process has ended, or has to be ended."""
+        """Wait until the process has ended, or until it must be killed."""
         pressed = 0.0
         while not self.process.ended():
-            # A closed pipe mostly means the end: look soon. FMUs may close it, too.
+            # A closed pipe usually means that the process ends. But an FMU may close it, too.
             with contextlib.suppress(queue.Empty):
                 self.take(self.came.get(timeout=POLL_SECONDS))
             now = clock_time.perf_counter()
@@ -193,14 +194,14 @@ class _Watch:
         elif isinstance(item, Ending):
             self.outcome = item
         elif item is None:
-            # The end of a pipe: the process is about to end.
+            # The pipe has ended. The process will probably end within milliseconds.
             for _ in range(20):
                 if self.process.ended():
                     return
                 clock_time.sleep(1e-3)
 
     def overdue(self, now: float) -> bool:
-        """Whether the call that is made now takes too long."""
+        """Whether the present call has taken longer than the timeout."""
         mark = self.board.mark()
         if mark != self.mark:
             self.mark, self.since = mark, now
@@ -211,7 +212,7 @@ class _Watch:
     # Rows
 
     def drain(self) -> bool:
-        """Take the windows that are full; whether there were any."""
+        """Take all windows that were handed over. Returns whether there were any."""
         full = self.board.full()
         for rows in full:
             self.keep(rows)
@@ -228,17 +229,17 @@ class _Watch:
         self.taken += len(rows)
 
     def rows(self) -> NDArray[np.float64]:
-        """All complete rows, or every n-th."""
+        """All complete rows, or every n-th of them; shape (rows, recorded variables)."""
         board = self.board
         count = int(board.state[loop.ROWS]) if board.flags[STEPPING] else 0
         if len(board.rows) == 1:
-            # What FMUs may have done to this memory cannot make more rows of it.
+            # An FMU may have overwritten the number of rows. It is limited to the rows that there can be.
             rows = board.rows[0][: max(0, min(count, board.capacity - 2))]
             return rows if sys.platform == "linux" else rows.copy()
         self.drain()
         due = -(-int(board.state[loop.POINT]) // self.system.decimation)
         if self.taken + count > due + 1:
-            # Ended between handing a window over and beginning the next.
+            # The process ended after it handed a window over and before it began the next: its count is the old one.
             count = 0
         self.keep(board.window[: max(0, min(count, board.capacity))])
         rows, self.kept = np.concatenate(self.kept), []
@@ -250,7 +251,7 @@ class _Watch:
         return float(self.system.start_time) + int(self.board.state[loop.POINT]) * float(self.system.step_size)
 
     def call(self) -> tuple[str, str]:
-        """Instance and function of the call that is made now, or was made last."""
+        """Instance and function of the present or last call."""
         if self.board.flags[IN_LOOP]:
             called = loop.call_of(self.board.state)
             if called is not None and 0 <= called[0] < len(self.system.instances):
@@ -258,7 +259,7 @@ class _Watch:
         return self.board.called()
 
     def result(self, presses: Presses) -> Result:
-        """What came out; raises what ended the run early."""
+        """The result of the run. Raises the error that ended the run early."""
         outcome = self.outcome
         error = None if outcome is None else outcome.error
         if outcome is not None and outcome.bug:
@@ -296,7 +297,7 @@ class _Watch:
         return result
 
     def process_error(self) -> ProcessError:
-        """Why the process has ended without having finished."""
+        """The error for a process that ended before its run was finished."""
         instance, function = self.call()
         code = self.process.code or 0
         if self.timed_out:
@@ -304,7 +305,7 @@ class _Watch:
         elif code < 0:
             status, what = "Crash", f"crashed: {signal_text(-code)}"
         elif code >= 0xC0000000:
-            # Windows ends processes that crash with the number of the exception.
+            # On Windows, the exit code of a crashed process is the number of the exception.
             status, what = "Crash", f"crashed with exception 0x{code:08X}"
         else:
             status, what = "Exit", f"ended its process with exit code {code}, which an FMU must not do"
@@ -321,7 +322,7 @@ class _Watch:
     # Threads that read the pipes
 
     def read_channel(self, file: BinaryIO) -> None:
-        """Until the end of the pipe, which may come in the middle of a message."""
+        """Read messages until the end of the pipe. It may end in the middle of a message."""
         with contextlib.suppress(OSError, ValueError, EOFError, pickle.UnpicklingError):
             while header := file.read(8):
                 length = int.from_bytes(header, "little")
@@ -332,7 +333,7 @@ class _Watch:
         self.came.put(None)
 
     def read_printed(self, file: BinaryIO) -> None:
-        """What FMUs print: the first lines become messages, all others are counted."""
+        """Read the text that FMUs print. The first lines become messages; the others are only counted."""
         line, cut, lines = b"", False, 0
 
         def end_line() -> None:
@@ -357,7 +358,7 @@ class _Watch:
 
 
 def _rebuilt(error: tuple[type[CosimError], tuple[Any, ...], dict[str, Any]]) -> Any:
-    """An error of the other process, without calling its constructor."""
+    """An error of the other process, made without a call of its constructor."""
     kind, arguments, attributes = error
     made = kind.__new__(kind, *arguments)
     vars(made).update(attributes)

@@ -1,4 +1,4 @@
-"""The instances of a system: loaded together, freed together."""
+"""Loads the instances of a system together, and frees them together."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from .instance import FmuInstance
 def loaded(
     system: System, *, debug: bool, folder: Path | None = None, board: Board | None = None
 ) -> Generator[list[FmuInstance]]:
-    """The instances of ``system``, freed at the end; FMUs are unpacked in ``folder``, or in a temporary one.
+    """The instances of ``system``, loaded for the ``with`` block and freed at its end.
 
-    Raises DescriptionError, SimulationError.
+    FMUs are unpacked into ``folder``, or into a temporary folder. Raises DescriptionError if an FMU cannot be unpacked,
+    SimulationError if it cannot be loaded.
     """
     instances: list[FmuInstance] = []
     with contextlib.ExitStack() as resources:
@@ -38,7 +39,7 @@ def loaded(
                 made.load()
             yield instances
         finally:
-            # Fatal means that all instances of that FMU are beyond repair: no further call of any of them.
+            # After Fatal, the standard forbids further calls of all instances of that FMU.
             lost = {made.fmu.digest for made in instances if made.fatal}
             for made in instances:
                 made.fatal = made.fmu.digest in lost

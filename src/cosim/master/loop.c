@@ -1,5 +1,5 @@
-/* The inner loop of the master: the rows of a program, once for each communication point. loop.py says what a row means
- * and what the elements of `state` are; loop_plain.py does the same in Python.
+/* The inner loop of the master. It executes the rows of a program for each communication point. loop.py describes the
+ * columns of a row and the elements of `state`. loop_plain.py does the same in Python.
  */
 #include <float.h>
 #include <math.h>
@@ -13,7 +13,7 @@
 #else
 #define EXPORT __attribute__((visibility("default")))
 #endif
-/* Kept out of `advance`, where every instruction counts. */
+/* For functions that are rarely called: not inlined, because every instruction counts in `advance`. */
 #define RARE static __attribute__((noinline))
 #define LIKELY(condition) __builtin_expect(condition, 1)
 
@@ -57,7 +57,7 @@ RARE bool stopped(int64_t *state, int reason, int place, int64_t what) {
     return false;
 }
 
-/* What follows on a status other than OK. */
+/* Count a status other than OK. Returns false, and stops the loop, unless the status is Warning. */
 RARE bool tolerated(int64_t *state, int status) {
     state[WARNINGS]++;
     return status == 1 || stopped(state, CALL_FAILED, STATUS, status);
@@ -97,7 +97,7 @@ static bool step_over(const Row *row, double begin, double length, int64_t *stat
                 real[i] = (double)((const type *)row->buffer)[i]; \
         return true;
 
-/* Between slots and the buffer of a call with values of another type than double. */
+/* Convert between slots (double) and the buffer of a call with another type: to the buffer if the call sets values. */
 static bool convert(const Row *row, double *values, int64_t *state, bool check) {
     double *const real = values + row->slot;
     switch (row->type) {
@@ -134,7 +134,8 @@ static bool exchange(const Row *row, double *values, int64_t *state, bool check)
     return (status == 0 || tolerated(state, status)) && (row->set || convert(row, values, state, check));
 }
 
-/* The values of the connections of a row, to their targets or added to them. `link` and `links` are in bytes. */
+/* Set the targets of the connections of a row to their values, or add the values to the targets. `link` and `links` of
+ * the row are in bytes. */
 static inline bool carry(const Row *row, const Link *links, double *values, int64_t *state, bool check, bool add) {
     const Link *link = (const Link *)((const char *)links + row->link);
     const Link *const end = (const Link *)((const char *)link + row->links);
@@ -148,7 +149,8 @@ static inline bool carry(const Row *row, const Link *links, double *values, int6
     return true;
 }
 
-/* Any row but GUARD. A step goes from `begin` over `length`; `passed` points have gone by since `advance` began. */
+/* Execute a row that is not GUARD and has no fast path. Its step begins at `begin` and takes `length`, both in s.
+ * `passed` is the number of points since `advance` began. */
 RARE bool other(const Row *row, const Link *links, double *values, double begin, double length, int64_t passed,
                 int64_t *state, bool check) {
     if (row->step.two != NULL && !step_over(row, begin, length, state)) return false;

@@ -1,16 +1,16 @@
 """The inner loop: it calls the FMI functions of loaded libraries by their addresses.
 
-What a step does is data: ``program`` has one row an FMI call, first those at a communication point, then those from
-it to the next. Everything is in arrays of plain numbers, so one compiled loop serves every system, FMUs of FMI 2.0 and
-3.0 side by side. The loop holds no lock: threads may run systems side by side, and an FMU may call back into Python
-(log messages) while it runs.
+A step is described by data: ``program`` has one row for each FMI call. First come the rows for a communication point,
+then the rows for the step to the next point. All data are arrays of plain numbers. Therefore one compiled loop serves
+every system, also systems with FMUs of FMI 2.0 and 3.0 together. The loop holds no lock: several threads may run
+systems at the same time, and an FMU may call back into Python (log messages).
 
-``values`` holds all signals as doubles, the inputs of an instance side by side, and its outputs, so that calls with
-doubles read and write it in place. Calls with other types go through buffers of their own.
+``values`` holds all signals as doubles. The inputs of an instance are side by side, and so are its outputs. Therefore
+calls with doubles read and write ``values`` in place. Calls with other types use separate buffers.
 
-``loop.c`` is the loop. Its library lies beside this file, put there when FMUs are built, or by the wheel; its name
-holds the digest of ``loop.c``, so that no other version is ever loaded. Where none fits this machine, ``loop_plain``
-does the same in Python, some hundred times slower.
+The loop is in ``loop.c``. Its library is beside this file; the build of the FMUs or the wheel puts it there. Its name
+contains the digest of ``loop.c``, so that a library of another version is never loaded. If no library fits this
+machine, ``loop_plain`` does the same in Python, some hundred times slower.
 """
 
 from __future__ import annotations
@@ -48,30 +48,31 @@ PROGRAM_COLUMNS = 17
     TYPE,
     SET,
 ) = range(PROGRAM_COLUMNS)
-"""Columns of ``program``. A row does, in this order, what it has:
+"""Columns of ``program``. A row does the following, in this order; each part may be missing:
 
-- fmi2DoStep or fmi3DoStep, as ``FMI`` says, at address ``STEP``, over ``MULTIPLE`` steps;
-- ``LINKS`` connections, from number ``LINK`` on; ``array`` makes bytes of both, as the loop wants them;
-- ``ACT``, one of those below.
+- call fmi2DoStep or fmi3DoStep (``FMI`` is 2 or 3) at address ``STEP``, over ``MULTIPLE`` communication steps;
+- carry the values of ``LINKS`` connections, from number ``LINK`` on (``array`` converts both to bytes for the loop);
+- do ``ACT``, see below.
 
-``STEP_CALL`` and ``CALL`` are what ``state[CALLING]`` says during the calls of ``STEP`` and of ``FUNCTION``.
+``state[CALLING]`` is ``STEP_CALL`` during the call of ``STEP``, and ``CALL`` during the call of ``FUNCTION``.
 """
 
 SET_REAL, STEP_GET_REAL, NOTHING, EXCHANGE, ADD, TABLE, GUARD = range(7)
-"""What a row does last.
+"""The last action of a row.
 
-``EXCHANGE`` calls ``FUNCTION``, which gives or takes (``SET`` is 1) ``COUNT`` values of ``TYPE`` in ``BUFFER`` for
-``REFERENCE_COUNT`` value references at ``REFERENCES``. Unless they are doubles, they are converted from or to the slots
-from ``SLOT`` on: rounded to integers, true for what is not 0. ``SET_REAL`` and ``STEP_GET_REAL`` are the two commonest
-kinds of it, for which the loop is made; ``array`` finds them.
-``ADD`` lets the connections of this row add to their targets instead of setting them.
-``TABLE`` takes ``COUNT`` slots from ``SLOT`` on out of a table of doubles at ``BUFFER``: one row of ``COUNT`` for each
-point, the first for the point from which the loop goes on.
-``GUARD`` leaves out the next ``COUNT`` rows unless the number of the point is a multiple of ``MULTIPLE``.
+``EXCHANGE`` calls ``FUNCTION``, which sets (``SET`` is 1) or gets (``SET`` is 0) ``COUNT`` values of ``TYPE`` in
+``BUFFER``, for ``REFERENCE_COUNT`` value references at ``REFERENCES``. Values of other types than double are converted
+from or to the slots from ``SLOT`` on. A double is rounded to an integer; a double other than 0 becomes true.
+``SET_REAL`` and ``STEP_GET_REAL`` are the two most frequent kinds of ``EXCHANGE``, with a fast path in the loop;
+``array`` selects them.
+``ADD``: the connections of this row add to their targets instead of setting them.
+``TABLE`` copies ``COUNT`` values from a table of doubles at ``BUFFER`` to the slots from ``SLOT`` on. The table has one
+row of ``COUNT`` values for each point; its first row is for the point at which ``advance`` begins.
+``GUARD`` skips the next ``COUNT`` rows unless the number of the point is a multiple of ``MULTIPLE``.
 """
 
 LINK_TYPE = np.dtype([("source", np.int64), ("target", np.int64), ("factor", np.float64), ("offset", np.float64)])
-"""A connection: slots of its ends, and ``target = factor*source + offset``."""
+"""A connection: the slots of its source and target, and ``target = factor*source + offset``."""
 
 TYPES = (
     ("Float64", ctypes.c_double),
@@ -87,7 +88,7 @@ TYPES = (
     ("Boolean", ctypes.c_uint8),
     ("Boolean", ctypes.c_int32),
 )
-"""Name in FMI 3.0 and type in C, in the order of the numbers that ``TYPE`` takes; the last is fmi2Boolean."""
+"""The name in FMI 3.0 and the C type of each type. Its position is the value of ``TYPE``. The last is fmi2Boolean."""
 FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN8, BOOLEAN32 = range(len(TYPES))
 FMI2_TYPES = {"Real": FLOAT64, "Integer": INT32, "Boolean": BOOLEAN32}
 FMI3_TYPES = {name: number for number, (name, _) in enumerate(TYPES[:-1])}
@@ -101,33 +102,40 @@ FUNCTIONS = (
 """The functions that the loop calls; see ``call_number``."""
 
 POINT, ROWS, WARNINGS, CALLING, REASON, STATUS, FAILED_LINK, FAILED_SLOT, LAST_TIME = range(9)
-"""Elements of ``state``, which tells at any time where the loop is.
+"""Elements of ``state``, which shows the progress of the loop at any time.
 
-``POINT`` is the communication point, ``ROWS`` the number of rows recorded, ``WARNINGS`` that of calls whose status was
-not OK. ``CALLING`` is the number (``call_number``) of the FMI call that is made now, or was made last; -1 outside of
-the loop. ``REASON`` says why the loop stopped, the others are what belongs to it. ``LAST_TIME`` holds the bits of a
-double: lastSuccessfulTime of the last fmi3DoStep.
+``POINT`` is the communication point, ``ROWS`` the number of recorded rows, ``WARNINGS`` the number of calls with a
+status other than OK. ``CALLING`` is the number (``call_number``) of the present or last FMI call; -1 outside of the
+loop. ``REASON`` says why the loop stopped; ``STATUS``, ``FAILED_LINK`` and ``FAILED_SLOT`` give the details.
+``LAST_TIME`` holds the bits of a double: lastSuccessfulTime of the last fmi3DoStep.
 """
 STATE_LENGTH = 9
 
 DONE, CALL_FAILED, NOT_FINITE, OUT_OF_RANGE, TERMINATED, RETURNED_EARLY = range(6)
-"""Why the loop stopped: not; a call returned ``STATUS``; connection ``FAILED_LINK`` carries a value that is not finite;
-the value for slot ``FAILED_SLOT`` does not fit its type; fmi3DoStep asked to terminate, or returned early."""
+"""The reasons why the loop stopped, in this order:
+
+- it did not stop;
+- a call returned ``STATUS``;
+- connection ``FAILED_LINK`` carries a value that is not finite;
+- the value for slot ``FAILED_SLOT`` does not fit its type;
+- fmi3DoStep asked to terminate;
+- fmi3DoStep returned early.
+"""
 
 Numbers = NDArray[np.int64]
 Unsigned = NDArray[np.uint64]
 Reals = NDArray[np.float64]
 Row = dict[int, int]
-"""A row of a program: column -> number, 0 where nothing is said."""
+"""A row of a program: column -> number. Missing columns are 0."""
 
 
 def call_number(instance: int, function: str) -> int:
-    """What ``state[CALLING]`` says while ``function`` is called on the instance of that number."""
+    """The value of ``state[CALLING]`` while ``function`` is called on instance number ``instance``."""
     return instance * len(FUNCTIONS) + FUNCTIONS.index(function)
 
 
 def call_of(state: Numbers) -> tuple[int, str] | None:
-    """Number of the instance and name of the function that is called now, or failed; None outside of the loop."""
+    """The instance number and the function name of the present or failed call; None outside of the loop."""
     number = int(state[CALLING])
     return None if number < 0 else (number // len(FUNCTIONS), FUNCTIONS[number % len(FUNCTIONS)])
 
@@ -135,7 +143,7 @@ def call_of(state: Numbers) -> tuple[int, str] | None:
 class Advance(Protocol):
     """A loop, compiled or in Python."""
 
-    def __call__(  # noqa: PLR0917 (all of it is what the loop works on)
+    def __call__(  # noqa: PLR0917 (the loop works on all of them)
         self,
         program: Unsigned,
         split: int,
@@ -151,21 +159,24 @@ class Advance(Protocol):
         decimation: int,
         check: bool,
     ) -> bool:
-        """Go on from communication point ``state[POINT]`` to ``end``; False if something stopped the loop.
+        """Run from communication point ``state[POINT]`` to ``end``. Returns False if the loop stopped early.
 
-        ``program`` holds its rows one behind the other, ``split`` of them for a communication point, the others to
-        step to the next. ``links`` are of ``LINK_TYPE``; ``clock`` is start time and step size. ``rows`` gets the
-        ``recorded`` slots of ``values`` at every ``decimation``-th point. Point ``end`` is left to the next call,
-        except for the ``last`` one of the run, from which nothing steps any more. With ``check``, values on connections
-        that are not finite, or do not fit the type of their input, stop the loop before they are used; without, the
-        latter become the nearest that fits. ``state`` may lie in memory that another process watches.
+        ``program``: its rows, one after the other. The first ``split`` rows are for a communication point, the others
+        for the step to the next point. ``links``: connections of ``LINK_TYPE``. ``clock``: start time and step size in
+        s. ``rows`` (shape: points, recorded variables) gets the ``recorded`` slots of ``values`` at every
+        ``decimation``-th point.
+        The rows for point ``end`` are left to the next call. Only if ``end`` is ``last``, the last point of the run,
+        they are executed now, and no step follows.
+        With ``check``, a value on a connection stops the loop before it is used if it is not finite or does not fit the
+        type of its input. Without ``check``, a value that does not fit is replaced by the nearest value that does.
+        ``state`` may be in memory that another process watches.
         """
         ...
 
 
 @cache
 def compiled() -> Advance | None:
-    """The compiled loop; None where there is none for this machine, which is told once in the log."""
+    """The compiled loop. If there is none for this machine, returns None and logs a warning (only once)."""
     path = library()
     try:
         function = ctypes.CDLL(str(path)).advance
@@ -209,7 +220,7 @@ def compiled() -> Advance | None:
 
 
 def library() -> Path:
-    """Where the compiled loop for this machine should be."""
+    """The path of the compiled loop for this machine, whether it exists or not."""
     source = Path(__file__).with_name("loop.c")
     ending = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     digest = sha256(source.read_bytes()).hexdigest()[:12]
@@ -218,7 +229,7 @@ def library() -> Path:
 
 
 def array(rows: list[Row]) -> Unsigned:
-    """The program of these rows."""
+    """The rows of a program as one array of numbers."""
     program = np.zeros((len(rows), PROGRAM_COLUMNS), dtype=np.uint64)
     for number, row in enumerate(rows):
         for column, value in {**row, ACT: _act(row)}.items():
@@ -227,7 +238,7 @@ def array(rows: list[Row]) -> Unsigned:
 
 
 def _act(row: Row) -> int:
-    """The act of a row, or the special one for what this row does."""
+    """The act of a row. An ``EXCHANGE`` that fits one of the fast paths gets the act of this path."""
     act = row.get(ACT, NOTHING)
     if act == EXCHANGE and row[FMI] == 2 and row[TYPE] == FLOAT64:
         if row[SET] and not row.get(STEP):

@@ -1,4 +1,4 @@
-"""The inner loop in Python, for machines that have no compiled one: what ``loop.c`` does, with the same results."""
+"""The inner loop in Python, for machines without a compiled loop. It gives the same results as ``loop.c``."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 class Stopped(Exception):
-    """The loop ends here; the state says why."""
+    """Ends the loop. The reason is in the state."""
 
 
 class _Row:
-    """A row of the program, with what its addresses stand for."""
+    """A row of the program, with its addresses converted to functions and buffers."""
 
     def __init__(self, columns: list[int]) -> None:
         self.component, self.multiple, self.step_call = (
@@ -59,7 +59,7 @@ class _Row:
 
 @dataclass
 class _Loop:
-    """What the rows work on."""
+    """The data that the rows of a program read and change."""
 
     links: list[tuple[int, int, float, float]]
     values: Any
@@ -69,7 +69,7 @@ class _Loop:
     check: bool
 
     def run(self, rows: list[_Row], due: int) -> None:
-        """Do ``rows`` for communication point ``due``."""
+        """Execute ``rows`` for communication point ``due``."""
         left_out = 0
         for row in rows:
             if left_out:
@@ -104,7 +104,7 @@ class _Loop:
             self.stop(loop.TERMINATED if terminate else loop.RETURNED_EARLY, loop.STATUS, status)
 
     def carry(self, link: int, *, add: bool) -> None:
-        """The value of a connection, to its target or added to it."""
+        """Set the target of a connection to its value, or ``add`` the value to the target."""
         source, target, factor, offset = self.links[link]
         value = factor * self.values[source] + offset
         value = self.values[target] + value if add else value
@@ -125,7 +125,7 @@ class _Loop:
                 self.values[row.slot + i] = float(row.buffer[i])
 
     def converted(self, row: _Row, i: int) -> float | int | bool:
-        """The value of slot ``i`` of a call, as one of its type."""
+        """The value of slot ``i`` of a call, converted to the type of the call."""
         value = self.values[row.slot + i]
         if row.type in (loop.BOOLEAN8, loop.BOOLEAN32):
             return value != 0.0
@@ -141,7 +141,7 @@ class _Loop:
         return int(whole) if fits else most if whole > most else least
 
     def called(self, status: int) -> None:
-        """Count a warning; any status beyond it ends the run."""
+        """Count a status other than OK. A status other than OK and Warning ends the run."""
         if status != 0:
             self.state[loop.WARNINGS] += 1
         if status not in (0, 1):
@@ -154,7 +154,7 @@ class _Loop:
 
 
 def _limits(ctype: Any) -> tuple[int, int]:
-    """Least and largest number of an integer type; of 64 bits, the largest that is a double."""
+    """Smallest and largest value of an integer type. For 64 bits, the largest value that a double can hold."""
     kind = np.dtype(ctype)
     information = np.iinfo(kind)
     most = int(information.max)
@@ -179,10 +179,10 @@ def advance(  # noqa: PLR0917 (as loop.Advance)
     decimation: int,
     check: bool,
 ) -> bool:
-    """As ``loop.Advance`` says."""
+    """See ``loop.Advance``."""
     acts = [_Row(row) for row in program.reshape(-1, loop.PROGRAM_COLUMNS).tolist()]
     point, onwards = acts[:split], acts[split:]
-    # a memory view gives numbers of Python, which are faster than those of numpy and never warn
+    # A memory view gives Python numbers. They are faster than NumPy numbers and never warn.
     times = float(clock[0]), float(clock[1])
     run = _Loop(links.tolist(), values.data, times, state, int(state[loop.POINT]), check)
     try:

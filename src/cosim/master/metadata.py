@@ -1,4 +1,4 @@
-"""What is known about a run before it begins: metadata and columns of its result."""
+"""The part of a result that is known before the run: its metadata and columns."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .instance import fmpy
 
 
 def result_columns(system: System) -> tuple[Column, ...]:
-    """The columns of the rows that a run of ``system`` records."""
+    """The columns that a run of ``system`` records, in the order of its rows."""
     return tuple(_column(f"{name}.{v}", system.variable(name, v)) for name, v in system.record)
 
 
 def system_metadata(system: System) -> dict[str, Any]:
-    """What is known about a run before it begins."""
+    """The metadata of a run that are known before it begins; times are in s."""
     return {
         "system": system.name,
         "description": system.description,
@@ -57,7 +57,7 @@ def system_metadata(system: System) -> dict[str, Any]:
 
 
 def _wire(system: System, connection: Connection) -> dict[str, Any]:
-    """A connection by its parts, with the units of source and target ("" where there is none)."""
+    """A connection as a table, with the units of source and target ("" without unit)."""
     source, target = connection.source, connection.target
     units = [system.variable(*end).unit or "" for end in (source, target)]
     wire: dict[str, Any] = {"from": list(source), "to": list(target), "units": units, "factor": connection.factor}
@@ -65,7 +65,7 @@ def _wire(system: System, connection: Connection) -> dict[str, Any]:
 
 
 def _start_values(system: System) -> dict[str, dict[str, Any]]:
-    """The start values that differ from those of the FMU, each with its unit and the one that it replaces."""
+    """The start values that differ from the FMU's own start values, each with this own value and the unit."""
     found: dict[str, dict[str, Any]] = {}
     for instance in system.instances:
         for name, value in instance.start.items():
@@ -91,7 +91,7 @@ def _column(name: str, variable: Variable) -> Column:
 
 @cache
 def _versions() -> Mapping[str, str]:
-    from importlib.metadata import PackageNotFoundError, version  # takes longer than what is done with it
+    from importlib.metadata import PackageNotFoundError, version  # slow to import, so only on demand
 
     found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
     with contextlib.suppress(PackageNotFoundError):

@@ -1,4 +1,4 @@
-"""The process of the FMUs, from the side that watches it: made, seen to end, ended."""
+"""Starts and ends the process of the FMUs, and tells whether it has ended. Used by the watching process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .child import Assignment, Channel
 
 
 class FmuProcess:
-    """The process of the FMUs, in a process group of its own where there are such."""
+    """The process of the FMUs. It has its own process group, on systems with process groups."""
 
     def __init__(
         self, number: int, channel: BinaryIO, printed: BinaryIO, popen: subprocess.Popen[bytes] | None
@@ -31,19 +31,20 @@ class FmuProcess:
         self.channel = channel
         self.printed = printed
         self.code: int | None = None
-        """The exit code once it has ended; that of a signal is negative."""
+        """The exit code of the ended process: negative for a signal; None while the process runs."""
         self._number = number
         self._popen = popen
 
     def ended(self) -> bool:
-        """Whether the process has ended; if so, all others that it has started are ended, too."""
+        """Whether the process has ended. If so, all processes that it has started are killed."""
         if self.code is not None:
             return True
         if self._popen is not None and sys.platform == "win32":
             self.code = self._popen.poll()
             return self.code is not None
         if hasattr(os, "waitid"):
-            # Not taken from the list of processes yet: so its number is still its own when the group is ended.
+            # WNOWAIT leaves the process in the process table. So no other process can get its number before the group
+            # is killed.
             if os.waitid(os.P_PID, self._number, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
                 return False
             self._end_group()
@@ -54,7 +55,7 @@ class FmuProcess:
         return self.code is not None
 
     def kill(self) -> None:
-        """End the process and all that it has started, and wait for its end."""
+        """Kill the process and all processes that it has started, and wait for its end."""
         if self.code is not None:
             return
         if self._popen is not None and sys.platform == "win32":
@@ -70,7 +71,7 @@ class FmuProcess:
         try:
             number, status = os.waitpid(self._number, options)
         except ChildProcessError:
-            # Somebody else in this process waits for all children.
+            # Other code in this process has waited for all children.
             number, status = self._number, 0
         if number == 0:
             return False
@@ -85,9 +86,10 @@ class FmuProcess:
 
 
 def may_fork() -> bool:
-    """Whether forking is safe: a thread that is not there after a fork may hold a lock for ever.
+    """Whether forking is safe: only on Linux, and only without other threads.
 
-    macOS has forking, but its system libraries do not support it.
+    A fork does not copy other threads. A lock that such a thread holds would stay locked for ever. macOS can fork, but
+    its system libraries do not support it.
     """
     alone = threading.active_count() == 1 and threading.current_thread() is threading.main_thread()
     return sys.platform == "linux" and alone
@@ -95,7 +97,10 @@ def may_fork() -> bool:
 
 @contextlib.contextmanager
 def shared_memory(folder: Path, size: int, *, shared_file: bool) -> Generator[tuple[mmap.mmap, Path]]:
-    """Memory that both processes see: a file in ``folder`` for one that is started anew."""
+    """Memory of ``size`` bytes that both processes share, and the path of its file.
+
+    A forked process needs no file; a new process needs ``shared_file``, a file in ``folder``. Raises FileError.
+    """
     path = folder / "memory"
     if not shared_file:
         yield mmap.mmap(-1, size), path
@@ -112,14 +117,14 @@ def shared_memory(folder: Path, size: int, *, shared_file: bool) -> Generator[tu
 
 
 def fork_process(system: System, job: Assignment, memory: mmap.mmap) -> FmuProcess:
-    """Do ``job`` in a copy of this process: what is loaded here need not be loaded again."""
+    """Do ``job`` in a fork of this process. Libraries that are loaded here need not be loaded again."""
     channel, channel_end = os.pipe()
     printed, printed_end = os.pipe()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):
             stream.flush()
     with warnings.catch_warnings():
-        # Python warns of threads that libraries keep in reserve, such as those of Arrow. The child uses none of those.
+        # Python warns of idle threads of libraries such as Arrow. The child does not use these libraries.
         warnings.simplefilter("ignore", DeprecationWarning)
         number = os.fork()
     if number == 0:
@@ -137,7 +142,7 @@ def fork_process(system: System, job: Assignment, memory: mmap.mmap) -> FmuProce
         finally:
             os._exit(1)
     with contextlib.suppress(PermissionError, ProcessLookupError):
-        # The child does the same; whoever comes first, its group is there from now on.
+        # Both processes set the group. So it exists from now on, whichever of them is first.
         os.setpgid(number, number)
     os.close(channel_end)
     os.close(printed_end)
@@ -153,7 +158,10 @@ _PROGRAM = (
 
 
 def start_process(system: System, job: Assignment, memory: Path) -> FmuProcess:
-    """Do ``job`` in a new Python; ``memory`` is a file. Raises FileError if that cannot be started."""
+    """Do ``job`` in a new Python process; ``memory`` is the file of the shared memory.
+
+    Raises FileError if the process cannot be started.
+    """
     given = {
         "system": (system.document, system.name, system.folder.resolve(), system.fmus and system.fmus.resolve()),
         "digest": system.digest,
@@ -178,7 +186,7 @@ def start_process(system: System, job: Assignment, memory: Path) -> FmuProcess:
 
 
 def signal_text(number: int) -> str:
-    """Name and meaning of a signal that ends processes."""
+    """The name and the meaning of a signal that ended a process, as text."""
     try:
         name = signal.Signals(number).name
     except ValueError:

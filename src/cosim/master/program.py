@@ -1,4 +1,4 @@
-"""What a step does, as rows of numbers for the inner loop."""
+"""The program of a system: the actions of a step, as rows of numbers for the inner loop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .tables import Tables, table_slots
 
 
 def same_program(one: System, other: System) -> bool:
-    """Whether two variants of a system differ in nothing that a program holds."""
+    """Whether two variants of a system have the same program: they differ only in start values, times and tolerance."""
     same = (
         one.connections == other.connections
         and one.record == other.record
@@ -33,30 +33,31 @@ def same_program(one: System, other: System) -> bool:
 
 @dataclass
 class Program:
-    """What the loop executes for one system, in arrays."""
+    """The rows that the loop executes for one system, and the arrays that they use."""
 
     point: list[loop.Row]
     step: list[loop.Row]
     initial: list[loop.Row]
-    """Rows for a communication point, from one to the next, and for a pass of initialization."""
+    """Rows for a communication point (``point``), for the step to the next point (``step``), and for a pass of
+    initialization (``initial``)."""
     outputs: list[loop.Row]
-    """Rows that read all outputs needed."""
+    """Rows that read all outputs that are connected or recorded."""
     slots: Mapping[tuple[str, str], int]
     connections: list[Connection]
-    """In the order of ``links``."""
+    """The connection of each element of ``links``."""
     links: NDArray[np.void]
     values: NDArray[np.float64]
     others: NDArray[np.uint64]
     recorded: NDArray[np.uint64]
     resting: list[tuple[str, Variable]]
-    """Elements that nothing feeds, of arrays that are set as a whole because something feeds others."""
+    """Unconnected array elements that are set at every step, because other elements of their array are connected."""
     references: list[NDArray[np.uint32]]
-    """Held because the rows know them by address only."""
+    """The value references. They are kept here because the rows have only their addresses."""
     tables: Tables
-    """What comes from records, and noise."""
+    """The values of records and noise."""
 
     def reset(self, system: System) -> None:
-        """All signals as they are before the run of a variant of the system."""
+        """Set all signals to their values before a run of ``system``, a variant of the same system."""
         self.values[:] = 0.0
         self.others[:] = 0
         for name, variable in self.resting:
@@ -73,12 +74,15 @@ _Link = tuple[Connection, tuple[int, int, float, float]]
 
 
 class Signals:
-    """The slot of every signal that travels or is recorded, by instance, direction and type."""
+    """Assigns a slot to every signal that is connected or recorded.
+
+    The slots of an instance's inputs of one type are side by side, and so are the slots of its outputs.
+    """
 
     def __init__(self, system: System) -> None:
         self.slots: dict[tuple[str, str], int] = {}
         self.inputs: dict[tuple[str, int], list[Connection]] = {}
-        """What sets inputs: of a sum its first addend."""
+        """By instance and type, the connections that set inputs; for a sum, its first connection."""
         self.outputs: dict[tuple[str, int], list[Variable]] = {}
         self.resting: list[tuple[str, Variable]] = []
         for instance in system.instances:
@@ -98,22 +102,22 @@ class Signals:
                     self._place(name, elements)
         self.tables = Tables(system)
         self.noise: dict[tuple[str, str], int] = {}
-        """The slot of the noise on each input that has some."""
+        """The slot of the noise, for each input with noise."""
         first = len(self.slots)
         self.slots.update(table_slots(self.tables, first))
         self.noise = {c.target: first + len(self.tables.columns) + i for i, c in enumerate(self.tables.noise)}
         self.values = np.zeros(max(first + self.tables.width, 1))
         self.others = np.zeros(self.values.size, dtype=np.uint64)
-        """Buffers for values of other types than double, those of a call side by side from its first slot on."""
+        """Buffers for values of other types than double. The values of a call are packed from its first slot on."""
         self.references: list[NDArray[np.uint32]] = []
 
     def link(self, connection: Connection) -> _Link:
-        """What a connection does in the loop."""
+        """A connection with its numbers for the loop."""
         numbers = self.slots[connection.source], self.slots[connection.target], connection.factor, connection.offset
         return connection, numbers
 
     def addends(self, system: System, connections: Sequence[Connection]) -> list[_Link]:
-        """What is added to the targets of ``connections``: the other addends of sums, and noise."""
+        """The links that add to the targets of ``connections``: the later connections of sums, and noise."""
         targets = {connection.target for connection in connections}
         links = [self.link(c) for c in system.connections if c.added and c.target in targets]
         noisy = [c for c in connections if c.noise is not None]
@@ -121,7 +125,7 @@ class Signals:
 
     @staticmethod
     def _by_kind(instance: Instance, names: Iterable[str]) -> dict[int, list[Variable]]:
-        """Variables by the loop's number of their type, in the order of the numbers."""
+        """Variables grouped by the loop's number of their type, in the order of these numbers."""
         types = loop.FMI3_TYPES if instance.fmu.fmi == 3 else loop.FMI2_TYPES
         found: dict[int, list[Variable]] = {}
         for name in names:
@@ -134,11 +138,14 @@ class Signals:
             self.slots[name, variable.name] = len(self.slots)
 
     def kinds(self, name: str) -> list[int]:
-        """The numbers of the types of an instance's signals."""
+        """The loop's numbers of the types that an instance's signals have, sorted."""
         return sorted({kind for other, kind in (*self.inputs, *self.outputs) if other == name})
 
     def call(self, slave: FmuInstance, kind: int, variables: Sequence[Variable], *, into: bool) -> loop.Row:
-        """A call that sets (``into``) or reads variables or the arrays they belong to; their slots lie side by side."""
+        """The row of a call that sets (``into``) or reads variables, or the arrays that they belong to.
+
+        Their slots must be side by side.
+        """
         function = f"{slave.prefix}{'Set' if into else 'Get'}{variables[0].passed_as}"
         whole = wholes(slave.fmu.variables, variables)
         self.references.append(np.array([variable.reference for variable, _ in whole], dtype=np.uint32))
@@ -161,7 +168,7 @@ class Signals:
 
 
 def make_program(system: System, slaves: list[FmuInstance]) -> Program:
-    """Resolve names to slots, value references and addresses, once."""
+    """The program of ``system``: names are resolved once to slots, value references and addresses."""
     signals = Signals(system)
     links: list[_Link] = []
     sets: dict[str, list[loop.Row]] = {}
@@ -221,7 +228,7 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
 
 
 def _table_rows(signals: Signals) -> list[loop.Row]:
-    """The row that takes the values of records and of noise out of their table, if there are any."""
+    """The row that reads the values of records and noise from their table; empty without records and noise."""
     tables = signals.tables
     if not tables.width:
         return []
@@ -230,7 +237,7 @@ def _table_rows(signals: Signals) -> list[loop.Row]:
 
 
 def _guarded(rows: list[loop.Row], multiple: int) -> list[loop.Row]:
-    """Rows that hold only at every ``multiple``-th communication point."""
+    """``rows``, preceded by a row that skips them unless the point is a multiple of ``multiple``."""
     if multiple == 1 or not rows:
         return rows
     return [{loop.ACT: loop.GUARD, loop.MULTIPLE: multiple, loop.COUNT: len(rows)}, *rows]

@@ -26,7 +26,7 @@ from .signals import Ended, Presses
 from .tables import POINTS
 
 Progress = Callable[[float], None]
-"""Called with the fraction of the run that is done, at most some twenty times a second."""
+"""Called with the fraction of the run that is done, about twenty times a second at most."""
 
 
 CHUNK_SECONDS = 0.05
@@ -36,11 +36,14 @@ MAX_PASSES = 50
 
 
 SOLVER = "solver."
-"""Numbers an FMU offers under names with this beginning are kept at the end of a run."""
+"""Beginning of the names of solver counters. Their values at the end of a run are kept in the result."""
 
 
 class Interrupted(Ended):
-    """Ctrl-C, SIGTERM or SIGHUP during a run; ``result`` holds what was computed, ``number`` is the signal's."""
+    """Ctrl-C, SIGTERM or SIGHUP ended a run. ``result`` holds the rows computed so far.
+
+    ``number`` is the number of the signal.
+    """
 
     def __init__(self, result: Result, number: int = signal.SIGINT) -> None:
         super().__init__(number)
@@ -49,7 +52,10 @@ class Interrupted(Ended):
 
 
 class SignalError(RunError):
-    """A connection carries a value that its input cannot take: not finite, or beyond the input's type."""
+    """A connection carries a value that is not finite, or that does not fit the type of its input.
+
+    ``value`` is in the unit of the input.
+    """
 
     def __init__(self, connection: Connection, value: float, *, time: float, why: str) -> None:
         self.connection = connection
@@ -63,7 +69,7 @@ class SignalError(RunError):
 
 
 class _Termination(RunError):
-    """An FMU asked to end the simulation, at ``reached``: the end of its step or before."""
+    """An FMU asked to end the simulation at ``reached`` in s: at the end of its step, or earlier."""
 
     def __init__(self, slave: FmuInstance, reached: float, *, time: float) -> None:
         self.slave = slave
@@ -94,7 +100,7 @@ class Run:
         """The communication point that ends the run."""
         self.clock = np.array([float(system.start_time), float(system.step_size)])
         self.board = board
-        """Where another process sees rows and state, if there is one."""
+        """The memory in which another process sees rows and state; None if there is no other process."""
         self.first_row = -(-begin // system.decimation)
         if board is None:
             self.state = np.zeros(loop.STATE_LENGTH, dtype=np.int64)
@@ -115,7 +121,10 @@ class Run:
         return float(self.clock[0] + self.state[loop.POINT] * self.clock[1])
 
     def run(self, progress: Progress | None, interrupted: Presses, *, end: int | None = None) -> Result:
-        """From initialization to termination; or to point ``end``, which is left to whoever goes on."""
+        """Run from initialization to termination. With ``end``, stop before this point and do not terminate.
+
+        Raises CallError, SignalError or Interrupted, with the partial ``result``.
+        """
         self.begin_log()
         try:
             self.initialize()
@@ -135,7 +144,10 @@ class Run:
     def resume(
         self, changes: list[tuple[int, Variable, Value]], progress: Progress | None, interrupted: Presses
     ) -> Result:
-        """From a restored checkpoint to the end. The instances are left there: their state is set or reset next."""
+        """Run from a restored checkpoint to the end. The instances are not terminated, so they can be restored again.
+
+        ``changes`` are instance number, variable and value. Raises CallError, SignalError or Interrupted.
+        """
         self.begin_log()
         try:
             for number, variable, value in changes:
@@ -151,7 +163,7 @@ class Run:
         return result
 
     def begin_log(self) -> None:
-        """Begin this run's log."""
+        """Begin a new log in every instance, with the time of this run."""
         for slave in self.slaves:
             slave.log.begin(self.time)
 
@@ -170,7 +182,7 @@ class Run:
         self.evaluate(self.program.outputs)
 
     def propagate(self) -> None:
-        """Outputs to inputs until nothing changes: two passes where there is no loop through initial values."""
+        """Carry outputs to inputs until nothing changes: two passes, unless there is a loop through initial values."""
         program = self.program
         self.evaluate(program.outputs)
         for _ in range(MAX_PASSES):
@@ -183,7 +195,10 @@ class Run:
         Log.sink(self.notices[-1])
 
     def evaluate(self, rows: list[loop.Row]) -> None:
-        """Do some rows at the start of the run, recording nothing. Values need not be finite until all are there."""
+        """Execute some rows at the start of the run, without recording.
+
+        Values are not checked: they may be not finite until all outputs are known.
+        """
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
         self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)
         self.state[loop.ROWS] = 0
@@ -198,7 +213,7 @@ class Run:
         last: int,
         check: bool,
     ) -> None:
-        """Let the loop go on to ``end``; ``record`` is slots, rows and decimation. Raises RunError."""
+        """Run the loop to point ``end``; ``record`` is slots, rows and decimation. Raises RunError."""
         slots, rows, decimation = record
         self.program.tables.fill(int(self.state[loop.POINT]), end)
         arrays = program, split, self.program.links, self.program.values, slots, rows, self.clock, self.state
@@ -212,14 +227,14 @@ class Run:
             raise self.stopped()
 
     def stopped(self) -> RunError:
-        """Why the loop has stopped."""
+        """The error for the reason why the loop stopped."""
         program, state = self.program, self.state
         if state[loop.REASON] == loop.NOT_FINITE:
             number = int(state[loop.FAILED_LINK])
             source, _, factor, offset = program.links[number].tolist()
             value = factor * float(program.values[source]) + offset
             if math.isfinite(value):
-                value = math.copysign(math.inf, value)  # a sum that is too large
+                value = math.copysign(math.inf, value)  # the sum of several sources is too large
             return SignalError(program.connections[number], value, time=self.time(), why="not finite")
         if state[loop.REASON] == loop.OUT_OF_RANGE:
             slot = int(state[loop.FAILED_SLOT])
@@ -243,7 +258,10 @@ class Run:
         return error
 
     def step(self, progress: Progress | None, interrupted: Presses, pause: int | None = None) -> bool:
-        """Run all steps, or those before point ``pause``, in chunks of about ``CHUNK_SECONDS``; True if interrupted."""
+        """Run all steps, or the steps up to point ``pause``. Returns True if the run was interrupted.
+
+        Steps are run in chunks of about ``CHUNK_SECONDS``, so that progress is reported and Ctrl-C is seen in between.
+        """
         chunk = 64
         stop = self.last if pause is None else pause
         last = stop if pause is None else stop + 1
@@ -258,7 +276,7 @@ class Run:
             end = min(point + chunk, stop, point + most)
             if self.board is not None:
                 room = self.board.room()
-                # Rows are due at multiples of ``every`` from ``point`` to ``end``: not more than there is room for.
+                # Each multiple of ``every`` from ``point`` to ``end`` gives a row. These rows must fit into ``room``.
                 end = min(end, (-(-point // every) + room - 1) * every)
                 self.rows = self.board.window
             record = self.program.recorded, self.rows, every
@@ -281,16 +299,16 @@ class Run:
             chunk = max(1, min(4 * chunk, int(steps * CHUNK_SECONDS / max(spent, 1e-9))))
 
     def finish(self, termination: _Termination) -> None:
-        """End where an FMU asked for it: at the end of its step if it got there, else at the point before.
+        """End the run where an FMU asked for it: at the end of its step if it got there, else at the point before.
 
-        At the end of the step, the instances that come after it in the program step, too, and the row is recorded.
+        If it got to the end of its step, the remaining instances step to the same point, and the row is recorded.
         """
         point = int(self.state[loop.POINT])
         due, h = float(self.clock[0] + (point + 1) * self.clock[1]), float(self.clock[1])
         rows = self.program.step
         reached = termination.reached
         while reached >= due - 1e-6 * h:
-            # The step that ended has been made; what the loop would have done behind it in this row is left.
+            # The FMU's step is done. The rest of its row, and all later rows, remain to be executed.
             calling = int(self.state[loop.CALLING])
             at = next(i for i, row in enumerate(rows) if row.get(loop.STEP) and row[loop.STEP_CALL] == calling)
             rows = [{**rows[at], loop.STEP: 0}, *rows[at + 1 :]]
@@ -322,7 +340,7 @@ class Run:
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
         if self.board is not None:
-            # The other side makes the result; it has the rows and the messages, and needs the rest from here.
+            # The watching process makes the result. It has the rows and the messages already.
             dropped = sum(slave.log.dropped for slave in self.slaves)
             facts = {"stepping_seconds": self.stepping_seconds}
             return Result(np.empty(0), np.empty((0, 0)), (), partial, (), dropped, solver, facts)
@@ -354,7 +372,10 @@ def make_result(
     total_seconds: float,
     stepping_seconds: float,
 ) -> Result:
-    """The result of a run that has come to where ``state`` is; ``rows`` has every n-th row from ``first_row`` on."""
+    """The result of a run whose loop is in ``state``. ``rows`` holds every ``every``-th row from ``first_row`` on.
+
+    ``rows`` has the shape (rows, recorded variables). Times are in s.
+    """
     return Result(
         time=row_times(system, first_row, len(rows), every),
         rows=rows,
@@ -375,9 +396,9 @@ def make_result(
 
 
 def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
-    """The times of ``count`` rows from number ``first`` on, every ``every``-th, in seconds."""
+    """The times in s of ``count`` rows, which are every ``every``-th row from row ``first`` on."""
     times = np.arange(first, first + count * every, every, dtype=np.float64)
-    # In place: a long record has times as large as its rows.
+    # In place, because the times of a long record can be as large as its rows.
     times *= system.decimation
     times *= float(system.step_size)
     times += float(system.start_time)
@@ -385,7 +406,7 @@ def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray
 
 
 def check_memory(system: System, rows: int) -> None:
-    """Raise DescriptionError if so many rows are more than this machine has memory for."""
+    """Raise DescriptionError if ``rows`` recorded rows do not fit into the memory of this machine."""
     need = rows * len(system.record) * 8
     if need > _physical_memory():
         raise DescriptionError(
@@ -395,7 +416,7 @@ def check_memory(system: System, rows: int) -> None:
 
 
 def _physical_memory() -> float:
-    """Bytes of memory of this machine, where it can be asked for."""
+    """The memory of this machine in bytes; infinity if the system does not tell."""
     names = getattr(os, "sysconf_names", {})
     if "SC_PHYS_PAGES" not in names:
         return math.inf

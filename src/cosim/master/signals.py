@@ -1,4 +1,4 @@
-"""Signals that ask a run to end: a flag during the run, an exception at any other time."""
+"""Operating system signals that ask a run to end. They set a flag during a run, and raise at any other time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ENDING = tuple(
 
 
 class Ended(KeyboardInterrupt):
-    """A signal asked this process to end; ``number`` is the signal's."""
+    """A signal asked this process to end; ``number`` is the number of the signal."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -22,12 +22,12 @@ class Ended(KeyboardInterrupt):
 
 
 def end(number: int, frame: FrameType | None) -> None:
-    """Handler that raises Ended, so that temporary folders are removed on the way out."""
+    """Signal handler that raises Ended. Because it is an exception, temporary folders are removed."""
     raise Ended(number)
 
 
 class Presses:
-    """Signals that came: ``number`` is that of the first, ``count`` how many."""
+    """The signals that arrived: ``number`` is the number of the first signal, ``count`` counts all of them."""
 
     def __init__(self) -> None:
         self.number = 0
@@ -39,16 +39,20 @@ class Presses:
 
 @contextlib.contextmanager
 def ending_by_exception() -> Generator[None]:
-    """SIGTERM and SIGHUP raise Ended, as Ctrl-C raises KeyboardInterrupt; not those that are handled or ignored."""
+    """Let SIGTERM and SIGHUP raise Ended, as Ctrl-C raises KeyboardInterrupt.
+
+    Signals that are ignored, or that have another handler, are left alone.
+    """
     with _handled([number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL], end):
         yield
 
 
 @contextlib.contextmanager
 def counted(*, most: int) -> Generator[Presses]:
-    """Signals are counted instead of raising, so that no instance is left half-stepped; beyond ``most`` they raise.
+    """Count signals instead of raising, so that no instance is stopped in the middle of a step.
 
-    Only in the main thread, and only signals that would end the process otherwise.
+    More than ``most`` signals raise Ended. This acts only in the main thread, and only on signals that would end the
+    process otherwise.
     """
     presses = Presses()
 

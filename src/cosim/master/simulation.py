@@ -1,32 +1,34 @@
-"""Running a system: the life of its instances on FMPy, and the co-simulation algorithm.
+"""Runs a system: creates and frees its instances with FMPy, and holds the co-simulation algorithm.
 
-Time is ``t_k = start_time + k*step_size`` with integer k, one multiplication in double, never a sum.
+Time is ``t_k = start_time + k*step_size`` with integer k. It is one multiplication in double, never a sum of steps.
 
-Initialization: instances are created, start values set, fmi2SetupExperiment called, initialization mode entered.
-There the start values that an FMU has lost by then are set once more, and the outputs are propagated along the
-connections, in the order of feedthrough, until nothing changes; so a controller's output at the start is computed from
-the plant's real start. Then initialization mode is left.
+Initialization: instances are created, start values are set, fmi2SetupExperiment is called, and initialization mode is
+entered. Start values that an FMU has lost by then are set again. Then outputs are propagated along the connections, in
+the order of feedthrough, until nothing changes. So a controller's output at the start is computed from the plant's
+output at the start. Then initialization mode is left.
 
 Sequential order, at each communication point t_k:
 
-1. each instance that is due (k is a multiple of its step multiple n), in order, gets its inputs from the current
-   values; if any of its outputs depends directly on inputs, its outputs are read at once, so that whoever comes
-   later in the order sees them;
-2. all recorded variables are stored as row k: values at t_k, commands as they are applied from t_k on;
-3. each instance whose interval ends at t_k+1 steps over [t_k+1 - n*h, t_k+1] with the inputs latched at its
-   beginning, and its outputs are read. Outputs of a slower instance thus never appear early.
+1. Each instance that is due gets its inputs from the current values, in order. An instance is due if k is a multiple of
+   its step multiple n. If an output of the instance depends directly on inputs, its outputs are read at once, so that
+   instances later in the order get them.
+2. All recorded variables are stored as row k: values at t_k, and commands as they are applied from t_k on.
+3. Each instance whose interval ends at t_k+1 steps over [t_k+1 - n*h, t_k+1] with the inputs latched at the beginning
+   of the interval. Then its outputs are read. Outputs of a slower instance thus never appear early.
 
-The last point gets its inputs, its feedthrough and its row, too.
+At the last point, inputs are set, feedthrough is evaluated and the row is stored as well.
 
-Parallel order (Jacobi): in 1. all instances due get their inputs from the values after the last step, and nothing is
-read until all have stepped: one sample of delay for a controller.
+Parallel order (Jacobi): in 1., all due instances get their inputs from the values after the last step. No outputs are
+read until all instances have stepped. This delays a controller by one sample.
 
-An FMU that asks to end the simulation (fmi2Discard with fmi2Terminated, terminateSimulation of fmi3DoStep) ends the run
-at the last communication point that it has reached; the others finish their step to there. That is no error.
+An FMU can ask to end the simulation (fmi2Discard with fmi2Terminated, terminateSimulation of fmi3DoStep). The run then
+ends at the last communication point that this FMU has reached. The other FMUs step to the same point. This is not an
+error.
 
-fmi2Warning is counted and logged, the run goes on. Any other status ends it: what was computed is kept in the
-error's ``result``. All instances are freed; after Fatal the standard forbids every further call of any instance of that
-FMU, so that these are left to the operating system. Another run of the same ``Simulation`` begins with new instances.
+After fmi2Warning, the run goes on; warnings are counted and logged. Any other status ends the run. The rows computed
+so far are in the error's ``result``. All instances are freed. After Fatal, the standard forbids all further calls of
+all instances of that FMU; their memory is left to the operating system. Another run of the same ``Simulation`` begins
+with new instances.
 """
 
 from __future__ import annotations
@@ -65,13 +67,16 @@ def simulate(
     isolated: bool = False,
     timeout: float | None = None,
 ) -> Result:
-    """Run ``system`` once. ``debug`` lets the FMUs log everything, not only what went wrong.
+    """Run ``system`` once and return its result.
 
-    Values on connections that are not finite, or beyond the type of their input, end the run unless ``keep_going``.
-    ``isolated`` runs the FMUs in another process: one that crashes, exits or hangs raises ProcessError. ``timeout`` is
-    then the limit for an FMI call in seconds.
-    Raises DescriptionError; CallError, SignalError or ProcessError (with ``result``, which holds all complete rows); or
-    Interrupted (with ``result``) on Ctrl-C, SIGTERM and SIGHUP.
+    ``stop_time`` and ``step_size`` (in s) and ``order`` replace entries of the system's experiment.
+    ``debug``: the FMUs log everything, not only warnings and errors.
+    ``keep_going``: the run goes on if a connection carries a value that is not finite or does not fit its input's type.
+    ``isolated``: the FMUs run in another process. An FMU that crashes, exits or hangs then raises ProcessError.
+    ``timeout``: with ``isolated``, the longest time of an FMI call in s.
+
+    Raises DescriptionError before the run. During the run, raises CallError, SignalError or ProcessError, and
+    Interrupted on Ctrl-C, SIGTERM and SIGHUP; each has a ``result`` with all complete rows.
     """
     if timeout is not None and not (isolated and timeout > 0.0):
         raise DescriptionError(f"timeout={timeout}: give a positive number of seconds, and isolated=True.")
@@ -90,7 +95,7 @@ class Simulation:
             for mass in (60.0, 70.0):
                 result = simulation.run(system.changed({"plant.m": mass}))
 
-    A context manager: instances exist between entering and leaving it.
+    It is a context manager: the instances exist inside the ``with`` block.
     """
 
     def __init__(self, system: System, *, debug: bool = False, keep_going: bool = False) -> None:
@@ -113,7 +118,7 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """Free all instances and delete what was unpacked. Checkpoints end here, too."""
+        """Free all instances and delete the unpacked files. Checkpoints cannot be used any more."""
         self._free_saved(self._saved)
         self._slaves = []
         self._saved = []
@@ -121,23 +126,26 @@ class Simulation:
         self._resources.close()
 
     def run(self, system: System | None = None, *, progress: Progress | None = None) -> Result:
-        """Run from the start, with another variant of the system if one is given (same instances of the same FMUs)."""
+        """Run from the start. ``system`` is another variant of the system with the same instances of the same FMUs.
+
+        Raises the same errors as ``simulate``, except ProcessError.
+        """
         run = self._ready(self.system if system is None else system)
         with counted(most=1) as interrupted:
             return run.run(progress, interrupted)
 
     def initialize(self) -> Result:
-        """Bring all instances to the end of their initialization, as a run does; no step, no rows.
+        """Initialize all instances as a run does, without any step.
 
-        The result has the messages. Raises CallError.
+        The result has no rows, only the messages. Raises CallError.
         """
         return self._ready(self.system).run(None, Presses(), end=0)
 
     def pause(self, time: float, system: System | None = None) -> Checkpoint:
-        """Run from the start to ``time`` and keep what there is, for ``resume``.
+        """Run from the start to ``time`` in s and save the state of all instances for ``resume``.
 
-        Needs FMUs that save their state (fmi2GetFMUstate). Raises DescriptionError for a time that is no communication
-        point of the run before its end, CallError.
+        Needs FMUs that can save their state (fmi2GetFMUstate). Raises DescriptionError if ``time`` is not a
+        communication point of the run, or if an FMU ended the simulation before. Raises CallError as ``run`` does.
         """
         system = self.system if system is None else system
         point = _point(system, time, least=0)
@@ -167,9 +175,10 @@ class Simulation:
         stop_time: float | None = None,
         progress: Progress | None = None,
     ) -> Result:
-        """Go on from a checkpoint of this simulation to ``stop_time`` (the system's if not given); rows from there on.
+        """Continue from a checkpoint of this simulation to ``stop_time`` in s (default: the system's stop time).
 
-        ``changes`` gives tunable parameters and unconnected inputs another value from the checkpoint on.
+        The result has the rows from the checkpoint on. ``changes`` gives new values to tunable parameters and
+        unconnected inputs (``{"plant.m": 70.0}``). Raises DescriptionError for wrong changes or times; else as ``run``.
         """
         system = checkpoint.system
         end = system.steps if stop_time is None else _point(system, stop_time)
@@ -185,7 +194,7 @@ class Simulation:
             return run.resume(values, progress, interrupted)
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Bring every instance back to where it was at ``checkpoint``."""
+        """Give every instance the state that it had at ``checkpoint``. Raises CallError."""
         if not self._slaves:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         for slave, state in checkpoint.saved:
@@ -198,9 +207,10 @@ class Simulation:
         self._free_saved(checkpoint.saved)
 
     def partial_derivatives(self, instance: str, unknowns: Sequence[str], knowns: Sequence[str]) -> NDArray[np.float64]:
-        """Partial derivatives of ``unknowns`` (rows) by ``knowns`` of an instance where it is now; SI units.
+        """Partial derivatives of ``unknowns`` (rows) by ``knowns`` (columns) in the current state of an instance.
 
-        Needs an FMU with fmi2GetDirectionalDerivative; ``restore`` a checkpoint first. Raises CallError.
+        The values are in the units of the variables. Needs an FMU with fmi2GetDirectionalDerivative; ``restore`` a
+        checkpoint first. Raises CallError.
         """
         slave = self._slave(instance)
         variables = slave.fmu.variables
@@ -211,7 +221,7 @@ class Simulation:
         return matrix
 
     def value(self, instance: str, variable: str) -> float:
-        """The value of a numeric variable where its instance is now."""
+        """The value of a numeric variable in the current state of its instance. Raises CallError."""
         slave = self._slave(instance)
         return slave.get(slave.fmu.variables[variable])
 
@@ -222,7 +232,7 @@ class Simulation:
         raise DescriptionError(f"no instance '{instance}'.{suggest(instance, (s.name for s in self._slaves))}")
 
     def _ready(self, system: System) -> Run:
-        """A run from the start on instances as new."""
+        """A run from the start, on instances that are new or reset."""
         if not self._slaves:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         if [(i.name, i.fmu.digest) for i in system.instances] != [(s.name, s.fmu.digest) for s in self._slaves]:
@@ -234,9 +244,10 @@ class Simulation:
         return run
 
     def _renew(self) -> None:
-        """Bring all instances back to where they began: by fmi2Reset, or as new ones where that fails or is too late.
+        """Reset all instances with fmi2Reset. If this fails, or after Fatal, create new instances.
 
-        After Fatal their libraries are loaded anew, too: they are unpacked to another place. Checkpoints end with them.
+        New instances are unpacked to another folder, so that their libraries are loaded anew. Older checkpoints can
+        then not be used any more.
         """
         try:
             if any(slave.fatal for slave in self._slaves):
@@ -248,7 +259,7 @@ class Simulation:
             self._slaves = self._resources.enter_context(loaded(self.system, debug=self.debug))
 
     def _prepared(self, system: System) -> Program:
-        """The program of ``system``: that of the run before, if only start values and times differ."""
+        """The program of ``system``. The program of the last run is used again if only start values or times differ."""
         if self._program is None or not same_program(self._program[0], system):
             self._program = system, make_program(system, self._slaves)
         self._program[1].reset(system)
@@ -263,12 +274,12 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A run held at a communication point, from which ``Simulation.resume`` goes on any number of times."""
+    """A run paused at a communication point. ``Simulation.resume`` can continue from it any number of times."""
 
     system: System
     time: float
     result: Result
-    """The rows before that point."""
+    """The result with the rows before this point."""
     point: int
     saved: Sequence[tuple[FmuInstance, Any]]
     values: NDArray[np.float64]
@@ -276,7 +287,7 @@ class Checkpoint:
 
 
 def _point(system: System, time: float, *, least: int = 1) -> int:
-    """Number of the communication point at ``time``, ``least`` or later."""
+    """The number of the communication point at ``time`` in s, at least ``least``. Raises DescriptionError."""
     steps = (time - float(system.start_time)) / float(system.step_size)
     point = round(steps)
     if abs(steps - point) > 1e-6 or not least <= point <= system.steps:
@@ -288,7 +299,7 @@ def _point(system: System, time: float, *, least: int = 1) -> int:
 
 
 def _changes(system: System, changes: Mapping[str, object]) -> list[tuple[int, Variable, Value]]:
-    """Instance number, variable and value of what changes at a checkpoint."""
+    """The changes at a checkpoint, as instance number, variable and value. Raises DescriptionError for wrong ones."""
     problems: list[str] = []
     found: list[tuple[int, Variable, Value]] = []
     names = [instance.name for instance in system.instances]

@@ -1,7 +1,7 @@
-"""What comes into a run from outside of its FMUs, point by point: values of records, and noise.
+"""The values that do not come from FMUs: values of records, and noise, for each communication point.
 
-The inner loop takes them out of a table, one line a communication point. Python fills the table for the points of the
-next part of the run. What stands in a line depends on the number of its point only: parts may begin anywhere.
+The inner loop reads them from a table with one row for each communication point. Python fills the table for the next
+part of the run. A row depends only on the number of its point. Therefore a part may begin at any point.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from ..system.system import System
 Array = NDArray[np.float64]
 
 POINTS = 8192
-"""Communication points in the table: it stays in the cache, and filling it costs little a point."""
+"""Number of communication points in the table.
+
+It is small enough for the cache, and large enough that filling the table costs little for each point.
+"""
 
 BLOCK = 4096
-"""Numbers of noise that are drawn together, from the seed and the number of their block."""
+"""Number of noise values in a block. The seed and the number of the block determine its values."""
 
 
 class Tables:
-    """The values from outside for a system: ``columns`` are (name of a signal, column), noise comes behind them."""
+    """The table of a system. Its columns are ``columns`` (name of a signal, name of its column), then the noise."""
 
     def __init__(self, system: System) -> None:
         wanted = {*(connection.source for connection in system.connections), *system.record}
@@ -39,7 +42,7 @@ class Tables:
         self.width = len(self.columns) + len(self.noise)
         self.buffer = np.zeros((POINTS + 1 if self.width else 0, self.width))
         self._samples: list[tuple[Array, Array | None]] = []
-        """Of each record its columns, and their slopes where they are interpolated."""
+        """For each record, its columns; and their slopes, if they are interpolated."""
         for signal, names in self.signals:
             matrix = np.column_stack([signal.columns[name] for name in names])
             self._samples.append((matrix, signal.resampler.slopes(matrix) if signal.resampler.linear else None))
@@ -48,11 +51,11 @@ class Tables:
         self.begin(system)
 
     def begin(self, system: System) -> None:
-        """Take the times of a variant of the system."""
+        """Use start time and step size of a variant of the system."""
         self._clock = float(system.start_time), float(system.step_size)
 
     def fill(self, first: int, last: int) -> None:
-        """Fill the table for the communication points ``first`` to ``last``, at most ``POINTS`` behind it."""
+        """Fill the table for the communication points ``first`` to ``last``, at most ``POINTS`` after ``first``."""
         if not self.width:
             return
         points = np.arange(first, last + 1, dtype=np.float64)
@@ -73,7 +76,7 @@ class Tables:
         blocks = range(first // BLOCK, last // BLOCK + 1)
         for number in blocks:
             if (noise.seed, number) not in self._blocks:
-                # Those of another part of the run are not needed again soon.
+                # Blocks of earlier parts of the run are not needed soon.
                 self._blocks = {key: block for key, block in self._blocks.items() if key[1] >= blocks.start}
                 generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([noise.seed, number])))
                 self._blocks[noise.seed, number] = generator.standard_normal(BLOCK)
@@ -82,7 +85,7 @@ class Tables:
 
 
 def _values(signal: SignalSource, names: Sequence[str], samples: tuple[Array, Array | None], times: Array) -> Array:
-    """The values of columns of a record at times of the run."""
+    """The values of columns of a record at times of the run in s, shape (times, columns)."""
     own = signal.resampler
     at = times + signal.shift if signal.shift else times
     values = own.values(samples[0], at, samples[1])
@@ -90,11 +93,11 @@ def _values(signal: SignalSource, names: Sequence[str], samples: tuple[Array, Ar
         outside = own.outside(at)
         for column, name in enumerate(names):
             if name in signal.rates:
-                # Where the first or the last sample holds, nothing changes.
+                # Before and after the record its values are constant.
                 values[outside, column] = 0.0
     return values
 
 
 def table_slots(tables: Tables, first: int) -> Mapping[tuple[str, str], int]:
-    """The slots of the columns of records, which begin at ``first``."""
+    """The slots of the columns of records; the first one is ``first``."""
     return {column: first + number for number, column in enumerate(tables.columns)}

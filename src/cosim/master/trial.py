@@ -1,7 +1,7 @@
-"""A trial of a system in a process of its own: initialized, so that its FMUs say what they think of their start values.
+"""A trial initializes a system in another process, so that its FMUs can complain about their start values.
 
-Whatever an FMU does there, this process goes on. The other one is ``python -m cosim.master.trial``: one file has the
-job, another takes the findings, so that what FMUs print does no harm.
+If an FMU crashes there, this process goes on. The other process is ``python -m cosim.master.trial``. It reads its job
+from one file and writes its findings to another, so that text printed by FMUs does no harm.
 """
 
 from __future__ import annotations
@@ -34,33 +34,36 @@ from ..system.values import is_numeric, show_start, start_value, unit_suffix
 from .simulation import Simulation
 
 POINTS = 200
-"""Communication points at which a source is compared, spread over the run."""
+"""Largest number of communication points at which the outputs of a source are compared, spread over the run."""
 
 
 STEPS = 50
-"""Steps of a run before and after a change that tells whether an input matters."""
+"""Number of steps before and after the change of an input, in the run that tells whether this input matters."""
 
 
 FACTORS = (1.01, 2.0, 0.5)
-"""Changes of a start value that must show in some output: small, and large enough to pass a limit or a rounding."""
+"""Factors on a start value. At least one of them must change an output.
+
+One is small; the others are large enough to pass a limit or a rounding.
+"""
 
 
 SECONDS = 60.0
-"""Time that an initialization may take."""
+"""Longest time of a trial in s."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What came out of a trial."""
+    """The findings of a trial."""
 
     problem: str = ""
-    """Why the system cannot be initialized; empty if it can."""
+    """The reason why the system cannot be initialized; empty if it can."""
     notes: tuple[str, ...] = ()
-    """Warnings of FMUs, values that are not finite, inputs that look forgotten, start values without effect."""
+    """Warnings of FMUs, values that are not finite, probably forgotten inputs, and start values without effect."""
 
 
 class Trial:
-    """A trial that goes on in another process; as a context manager it is ended where it is left."""
+    """A trial that runs in another process. As a context manager it kills this process at the end of the block."""
 
     def __init__(self, system: System) -> None:
         self._resources = contextlib.ExitStack()
@@ -74,7 +77,7 @@ class Trial:
         )
 
     def findings(self, *, seconds: float = SECONDS) -> Findings:
-        """What comes out, if the trial takes no longer than ``seconds`` from now."""
+        """Wait for the findings, at most ``seconds`` from now. A trial that takes longer is killed: a problem."""
         try:
             code = self._process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -102,7 +105,7 @@ class Trial:
 
 
 def try_system(system: System, *, seconds: float = SECONDS) -> Findings:
-    """Try ``system`` in another process, which may take ``seconds``."""
+    """Try ``system`` in another process, for at most ``seconds``."""
     with Trial(system) as trial:
         return trial.findings(seconds=seconds)
 
@@ -134,13 +137,13 @@ def _try(system: System, at: Path) -> Findings:
         return Findings(str(error), tuple(notes))
     notes += _forgotten(system)
     for instance in system.instances:
-        with contextlib.suppress(CosimError):  # a source that does not run alone is not judged
+        with contextlib.suppress(CosimError):  # a source that cannot run alone is not checked
             notes += _without_effect(system, instance)
     return Findings("", tuple(notes))
 
 
 def _forgotten(system: System) -> Iterator[str]:
-    """Inputs that an output would fit and whose value matters, with the parameters as they are."""
+    """A note for each unconnected input that some output would fit, and whose value changes the results."""
     fitting = fitting_outputs(system)
     if not fitting:
         return
@@ -155,9 +158,9 @@ def _forgotten(system: System) -> Iterator[str]:
 
 
 def _mattering(system: System, inputs: Sequence[tuple[str, str]]) -> set[tuple[str, str]]:
-    """The inputs on whose values outputs of their instances depend, a while after the start; all, if it fails.
+    """The inputs whose values change outputs of their instance some time after the start. All inputs, if this fails.
 
-    At the start an input may serve as the first value of an estimate that needs it no more later.
+    The first steps do not count: at the start, an input may only initialize an estimate that does not need it later.
     """
     samples = [float(T_s / system.step_size) for i in system.instances if (T_s := sampling_time(i)) is not None]
     steps = min(max(STEPS, math.ceil(2.0 * max(samples, default=0.0))), system.steps // 2)
@@ -183,7 +186,7 @@ def _mattering(system: System, inputs: Sequence[tuple[str, str]]) -> set[tuple[s
                         found.add((name, variable))
                         break
     except CosimError:
-        return set(inputs)  # it cannot be told, as without fmi2GetFMUstate: better a note too many
+        return set(inputs)  # not known, for example without fmi2GetFMUstate; rather a note too many
     return found
 
 
@@ -193,7 +196,10 @@ def _names(system: System) -> str:
 
 
 def _without_effect(system: System, instance: Instance) -> Iterator[str]:
-    """Start values of a source with kinds (an Enumeration) that change none of its outputs, whatever their value."""
+    """A note for each given start value of a source that does not change any of its outputs.
+
+    Only sources are checked that have kinds, which means a parameter of type Enumeration.
+    """
     fmu = instance.fmu
     kinds = [v for v in fmu.variables.values() if v.type == "Enumeration" and v.causality == "parameter"]
     numbers = [name for name in instance.start if _varied(fmu.variables[name])]
@@ -213,7 +219,10 @@ def _without_effect(system: System, instance: Instance) -> Iterator[str]:
 
 
 def _tried_in_vain(simulation: Simulation, systems: Sequence[System], instance: Instance, name: str) -> list[str]:
-    """Other values of a parameter, if none of them changes an output of the source in any of the systems."""
+    """The other values of a parameter that were tried, if none of them changes an output in any of the systems.
+
+    Empty if one of them does.
+    """
     variable = instance.fmu.variables[name]
     tried: dict[str, None] = {}
     for system in systems:
@@ -233,7 +242,10 @@ def _tried_in_vain(simulation: Simulation, systems: Sequence[System], instance: 
 
 
 def _without_zeros(system: System, instance: Instance, but: str) -> System:
-    """The same source with 1 for every 0 that is given: an amplitude of 0 hides what the other parameters do."""
+    """The same source with 1 in place of each given start value of 0, except ``but``.
+
+    An amplitude of 0, for example, hides the effect of the other parameters.
+    """
     zeros = {
         f"{instance.name}.{name}": 1.0
         for name, value in instance.start.items()
@@ -259,7 +271,7 @@ def _item(kind: Variable, instance: Instance) -> str:
 
 
 def _changes(variable: Variable, value: Value) -> list[Value]:
-    """Other values that a variable may take."""
+    """Other allowed values of a variable, to try in place of ``value``."""
     if variable.type == "Boolean":
         return [not value]
     number = float(value)
@@ -271,7 +283,7 @@ def _changes(variable: Variable, value: Value) -> list[Value]:
 
 
 def _alone(system: System, instance: Instance) -> System:
-    """A source by itself over the time of the system, with fewer and longer steps; all outputs recorded."""
+    """A system of one source, over the time of ``system`` with fewer and longer steps. All outputs are recorded."""
     steps = next(n for n in range(min(POINTS, system.steps), 0, -1) if system.steps % n == 0)
     step = (system.stop_time - system.start_time) / Decimal(steps)
     document: Mapping[str, Any] = {
@@ -288,7 +300,7 @@ def _main() -> None:
     part = file.with_suffix(".part")
     part.write_text(json.dumps(asdict(found)), encoding="utf-8")
     os.replace(part, file)
-    # The findings are there: an FMU that crashes while it is unloaded changes nothing.
+    # The findings are written. Exit at once, so that an FMU that crashes during unloading does no harm.
     os._exit(0)
 
 

@@ -1,1 +1,1 @@
-"""Files of recorded signals: the records that runs write, and those that measuring tools write."""
+"""Files of recorded signals: records that runs write, and records that measuring tools write."""

@@ -23,9 +23,10 @@ _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 class CsvTable:
     """A table whose first line names the columns; a row of units may follow.
 
-    Cells are divided by comma, semicolon or tab; beside the last two, numbers may have a decimal comma. Text is UTF-8,
-    with a byte order mark or without, or UTF-16 with one. Lines that begin with # are left out; only if no other line
-    names the columns, the last of them before the first row may. Raises DescriptionError.
+    Cells are divided by comma, semicolon or tab. With semicolon or tab, numbers may have a decimal comma. The text is
+    UTF-8, with or without a byte order mark, or UTF-16 with one. Lines that begin with # are comments. If the first
+    line holds numbers, the last comment before it may name the columns.
+    Raises DescriptionError for a file that holds no such table.
     """
 
     metadata: Mapping[str, object]
@@ -58,7 +59,7 @@ class CsvTable:
         self._comma = self._delimiter != "," and self._decimal_mark() == ","
 
     def _names(self, line: str, comment: str) -> tuple[list[str], int]:
-        """The names of the columns, and the number of lines that they take."""
+        """The names of the columns, and the number of lines that they take: 0 if a comment names the columns."""
         names = self._cells(line)
         if all(self._number(name) is not None for name in names):
             told = self._cells(comment)
@@ -67,7 +68,7 @@ class CsvTable:
                     f"{self._path}: the first line holds numbers. It must name the columns, such as t,u,x."
                 )
             return told, 0
-        # Some tools end every line with the mark that divides cells.
+        # Some tools end every line with a delimiter.
         names = names[:-1] if names[-1] == "" and len(names) > 1 else names
         return [name or f"column {number}" for number, name in enumerate(names, 1)], 1
 
@@ -76,7 +77,7 @@ class CsvTable:
         return [cell.strip() for row in reader for cell in row]
 
     def _decimal_mark(self) -> str:
-        """Comma if numbers have one. Raises DescriptionError if one number has a comma and another a point."""
+        """The decimal mark of the numbers. Raises DescriptionError if some have a comma and others a point."""
         comma = next((i for i, line in enumerate(self._lines) if "," in line and self._with(line, _COMMA)), None)
         if comma is None:
             return "."
@@ -94,7 +95,10 @@ class CsvTable:
         return [cell for cell in self._cells(line) if mark in cell and pattern.fullmatch(cell)]
 
     def values(self, columns: Sequence[int]) -> NDArray[np.float64]:
-        """The values of some columns, one row a line: NaN where a cell is no number. Raises DescriptionError."""
+        """The values of ``columns`` (numbers from 0), shape (rows, columns); NaN where a cell is not a number.
+
+        Raises DescriptionError if there are no rows, or if a line has too few or too many cells.
+        """
         if not self._lines:
             raise DescriptionError(f"{self._path}: holds no rows below its first line.")
         try:
@@ -103,7 +107,7 @@ class CsvTable:
             return self._patiently(columns)
 
     def _quickly(self, columns: Sequence[int]) -> NDArray[np.float64]:
-        """Raises ValueError where a cell is no number, or a line has another number of cells."""
+        """Read with NumPy. Raises ValueError if a cell is not a number, or a line has a wrong number of cells."""
         count = self._lines[0].count(self._delimiter)
         if len(self.labels) not in (count, count + 1) or any(
             line.count(self._delimiter) != count for line in self._lines
@@ -141,15 +145,15 @@ class CsvTable:
         return float(cell) if _NUMBER.fullmatch(cell) else None
 
     def place(self, row: int) -> str:
-        """Where row number ``row``, from 0, stands."""
+        """Line and row in the file of row number ``row`` (from 0), as text."""
         return f"line {self._numbers[row]}, row {row + 1}"
 
     def is_number(self, row: int, column: int) -> bool:
-        """Whether a cell holds a number, which may be not finite."""
+        """Whether a cell holds a number; NaN and infinity count as numbers."""
         return self._number(self._cells(self._lines[row])[column]) is not None
 
     def wrong(self, row: int, column: int) -> str:
-        """Why a cell gives no finite number."""
+        """The reason why a cell holds no finite number."""
         cell = self._cells(self._lines[row])[column]
         if cell == "":
             return "is empty. Leave the row out, or interpolate before."
@@ -158,16 +162,16 @@ class CsvTable:
         return f"'{cell}' is not a number. Write it with a point, and without a mark for thousands."
 
     def _divided(self, cells: list[str]) -> str:
-        """A hint at decimal commas between commas."""
+        """A hint, if a line looks like numbers with a decimal comma in a file divided by commas; else ""."""
         many = self._delimiter == "," and all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells[1:])
         return " If numbers have a decimal comma, divide cells by semicolons." if many and len(cells) > 1 else ""
 
 
 MOST_PROBLEMS = 5
-"""Wrong cells or lines that are told of."""
+"""Largest number of wrong cells or lines that an error lists."""
 
 
 def shortened(path: Path, problems: Sequence[str], what: str = "cells") -> list[str]:
-    """The first problems of a file, and how many there are besides."""
+    """The first problems of a file, and a line with the number of the others."""
     more = len(problems) - MOST_PROBLEMS
     return [*problems[:MOST_PROBLEMS], *([f"{path}: {more} more {what} like these."] if more > 0 else [])]

@@ -1,4 +1,4 @@
-"""Derivatives of recorded signals by time."""
+"""Time derivatives of recorded signals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ Array = NDArray[np.float64]
 
 
 def differences(time: Array, values: Array, order: int) -> Array:
-    """Central differences of second order, one-sided at both ends; ``order`` 2 takes them twice. No smoothing."""
+    """The derivative of ``values`` by central differences, without smoothing; ``order`` 2 applies them twice.
+
+    Differences have second-order accuracy and are one-sided at both ends. ``time`` in s and ``values`` have one value
+    a sample. Raises DescriptionError for less than 3 samples.
+    """
     if time.size < 3:
         raise DescriptionError(f"{time.size} samples: derivatives need at least 3.")
     for _ in range(order):
@@ -26,10 +30,11 @@ def differences(time: Array, values: Array, order: int) -> Array:
 
 
 def smoothed(time: Array, values: Array, order: int, *, window: float, polynomial: int) -> Array:
-    """Derivatives of polynomials that are fitted to the samples around each (Savitzky and Golay 1964).
+    """The smoothed derivative of ``values`` (Savitzky and Golay 1964).
 
-    ``window`` in s is what the samples that a polynomial is fitted to span at most, the sample in its middle.
-    Raises DescriptionError where it does not fit the record, or the samples are not equally spaced.
+    A polynomial of degree ``polynomial`` is fitted to the samples around each sample; its derivative is the result.
+    ``window`` in s is the longest time that these samples may span. The sample is in the middle of the window.
+    Raises DescriptionError if the window does not fit the record, or if the samples are not equally spaced.
     """
     try:
         signal: Any = import_module("scipy.signal")
@@ -37,7 +42,7 @@ def smoothed(time: Array, values: Array, order: int, *, window: float, polynomia
         raise DescriptionError("smoothing needs scipy, which is not installed: install motion-cosim[tools].") from None
     steps = np.diff(time)
     step = float(np.median(steps)) if steps.size else 0.0
-    # The filter counts samples. A tenth of a step is more than what rounded times differ by.
+    # The filter needs equal steps. Rounding of the times changes a step by less than a tenth.
     if not steps.size or np.max(np.abs(steps - step)) > 0.1 * step:
         raise DescriptionError("smoothing needs equally spaced samples. Resample the record before.")
     # The longest odd number of samples that spans no more than the window.
@@ -56,13 +61,13 @@ def smoothed(time: Array, values: Array, order: int, *, window: float, polynomia
 
 
 def derivative_name(name: str, order: int) -> str:
-    """``der(x)``, ``der(x,2)``: names of derivatives in the structured naming convention of FMI."""
+    """The name of a derivative in the structured naming convention of FMI: ``der(x)``, ``der(x,2)``."""
     return f"der({name})" if order == 1 else f"der({name},{order})"
 
 
 def derivative_unit(unit: str, order: int) -> str:
-    """The unit of a derivative by time in s; "" if that of the signal is not known."""
-    # A scale with a zero of its own has no derivative in its unit: 1 degC/s is 1 K/s.
+    """The unit of a derivative by time in s; "" if the unit of the signal is not known."""
+    # A unit with an offset has no derivative in this unit: a rate in degC/s would be one in K/s.
     if not is_unit(unit) or parse_unit(unit).offset:
         return ""
     seconds = "s" if order == 1 else f"s{order}"

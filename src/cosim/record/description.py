@@ -1,7 +1,7 @@
-"""What a CSV file of ours cannot hold: units, texts and metadata, in a JSON file beside it.
+"""The JSON file beside a CSV record. It holds the units, descriptions and metadata that a CSV file cannot hold.
 
-It lies where tools look for it by the W3C's recommendation Metadata Vocabulary for Tabular Data (CSV on the Web, 2015),
-as ``run.csv-metadata.json`` beside ``run.csv``, and is written in that vocabulary. What is ours stands in its notes.
+Its name and its vocabulary follow the W3C recommendation Metadata Vocabulary for Tabular Data (CSV on the Web, 2015):
+``run.csv-metadata.json`` describes ``run.csv``. Entries that are not in this vocabulary are in its ``notes``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CONTEXT = "http://www.w3.org/ns/csvw"
 
 @dataclass(frozen=True)
 class Column:
-    """What a recorded variable is; ``value in display_unit = display_factor*value + display_offset``."""
+    """The description of a recorded variable; ``value in display_unit = display_factor*value + display_offset``."""
 
     name: str
     unit: str
@@ -30,12 +30,12 @@ class Column:
 
 
 def description_path(csv: Path) -> Path:
-    """Where the description of a CSV file lies."""
+    """The path of the description of a CSV file."""
     return csv.with_name(f"{csv.name}-metadata.json")
 
 
 def description_of(csv: Path, columns: Sequence[Column], metadata: Mapping[str, Any], size: int) -> bytes:
-    """The description of a CSV file of ``size`` bytes."""
+    """The description of a CSV file of ``size`` bytes, as the content of a JSON file."""
     content = {
         "@context": CONTEXT,
         "url": csv.name,
@@ -51,14 +51,14 @@ def description_of(csv: Path, columns: Sequence[Column], metadata: Mapping[str, 
 
 
 def metadata_with(columns: Sequence[Column], metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """The metadata of a file, and all that is known of its columns."""
+    """The metadata of a file, with the description of all its columns under ``columns``."""
     return {**metadata, "columns": [asdict(column) for column in columns]}
 
 
 def read_description(csv: Path) -> dict[str, Any]:
     """The metadata of a CSV file that a run wrote; empty if there are none.
 
-    Raises DescriptionError if the file has changed since: units and all else may be those of another record.
+    Raises DescriptionError if the CSV file has another size than the run wrote. Its units could then be wrong.
     """
     path = description_path(csv)
     try:
@@ -78,7 +78,7 @@ def read_description(csv: Path) -> dict[str, Any]:
 def columns_of(path: Path, metadata: Mapping[str, object]) -> list[Column]:
     """The columns that the metadata of the file ``path`` describe; empty for files of other tools.
 
-    Raises DescriptionError if they are not written as ours.
+    Raises DescriptionError if an entry does not have the fields of ``Column``.
     """
     try:
         return [Column(**entry) for entry in cast("Sequence[dict[str, Any]]", metadata.get("columns", ()))]

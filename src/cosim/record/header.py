@@ -1,4 +1,4 @@
-"""What the head of a column says: its name and its unit, as measuring tools, spreadsheets and MATLAB write them."""
+"""Reads the name and the unit of a column from its label, as measuring tools, spreadsheets and MATLAB write it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from ..errors import DescriptionError
 from ..units import parse_unit
 
 TIME_NAMES = ("time", "t", "zeit")
-"""Names of a time column, whatever the case; the first that there is counts."""
+"""Names of a time column, in upper or lower case. The first of them that a file has is its time."""
 
 _SIGNS = str.maketrans(
     {"\u00b5": "u", "\u03bc": "u", "\u00b7": ".", "\u22c5": ".", "*": ".", "^": "", "\u00b2": "2", "\u00b3": "3"}
     | {"\u2126": "Ohm", "\u03a9": "Ohm", " ": ""}
 )
-"""Micro sign and mu, two dots for products, raised digits, Ohm sign and Omega."""
+"""Replacements for the micro sign and mu, dots for products, superscript digits, the Ohm sign and Omega."""
 
 _WORDS = {
     "-": "1",
@@ -34,7 +34,7 @@ _WORDS = {
     "r/min": "rpm",
     "°/s": "deg/s",
 }
-"""Units in words and signs of measuring tools, and what they are here; ``1/min`` stands on drives for a speed."""
+"""Names of units in measuring tools, and their names here. Drives use ``1/min`` for a rotational speed."""
 
 _SQUARE = re.compile(r"(?P<name>.*?)(?P<space>\s*)\[(?P<unit>[^\[\]]*)\]", re.DOTALL)
 _ROUND = re.compile(r"(?P<name>.*\S)\s*\((?P<unit>.*)\)", re.DOTALL)
@@ -42,7 +42,10 @@ _INDEX = re.compile(r"\d+(,\d+)*")
 
 
 def unit_text(text: str) -> str:
-    """The unit that ``text`` names, as this package writes it; ``text`` itself if it is none that is known."""
+    """The unit in ``text``, as this package writes it. ``text`` may have brackets around it.
+
+    If the unit is not known, returns ``text`` without the spaces and brackets around it.
+    """
     text = text.strip()
     text = text[1:-1].strip() if re.fullmatch(r"\[.*\]|\(.*\)", text) else text
     found = _WORDS.get(text, text.translate(_SIGNS))
@@ -51,7 +54,7 @@ def unit_text(text: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Whether ``text`` is a unit that is known."""
+    """Whether ``text`` is a known unit."""
     try:
         parse_unit(text)
     except DescriptionError:
@@ -60,9 +63,9 @@ def is_unit(text: str) -> bool:
 
 
 def split_label(label: str) -> tuple[str, str]:
-    """Name and unit of a column: ``x [mm]`` is ``x`` in mm, ``a[1]`` an element of an array without unit.
+    """The name and the unit of a column: ``x [mm]`` is ``x`` in mm; ``a[1]`` is an array element without unit.
 
-    What stands in round brackets counts as a unit only if it is one that is known: ``force (N)``.
+    A text in round brackets is a unit only if the unit is known: ``force (N)``.
     """
     match = _SQUARE.fullmatch(label.strip())
     if match and match["name"] and (match["space"] or not _INDEX.fullmatch(match["unit"])):
@@ -74,7 +77,10 @@ def split_label(label: str) -> tuple[str, str]:
 
 
 def is_units_row(cells: list[str]) -> bool:
-    """Whether the cells below the names are units: none is a number but ``1``, and half of them are known units."""
+    """Whether the cells below the names are units.
+
+    They are if no cell is a number other than ``1``, and at least half of the other cells are known units.
+    """
     told = [cell for cell in (cell.strip() for cell in cells) if cell]
     if not told or any(cell != "1" and _is_number(cell) for cell in told):
         return False

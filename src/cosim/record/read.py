@@ -1,4 +1,4 @@
-"""Records: columns of numbers over one time, read from CSV, Parquet and MAT files and checked."""
+"""Records: signals over a common time, read from CSV, Parquet and MAT files and checked."""
 
 from __future__ import annotations
 
@@ -19,25 +19,28 @@ from .tables import Table, open_table
 Array = NDArray[np.float64]
 
 UNEVEN = 0.1
-"""Steps that differ by more than this fraction from the usual one are told of: logs round their times to less."""
+"""A step of time is reported if it differs by more than this fraction from the usual step.
+
+Rounding of the times in logs causes smaller differences.
+"""
 
 
 @dataclass(frozen=True)
 class Record:
-    """What a file has recorded: ``columns``, one value a sample, over ``time``."""
+    """The signals of a file: ``columns`` over ``time``, with one value for each sample."""
 
     path: Path
     time: Array
-    """In s, rising strictly."""
+    """Times in s, strictly increasing."""
     columns: Mapping[str, Array]
-    """By name; all of the length of ``time``, finite, in ``units``."""
+    """Values by name. Each column has the length of ``time``; all values are finite."""
     units: Mapping[str, str]
-    """By name; "" where the file does not say."""
+    """Unit of each column by name; "" if the file does not state it."""
     metadata: Mapping[str, object]
-    """What else the file holds: of a run its system, versions, messages ..."""
+    """Other data in the file. The file of a run holds its system, versions, messages ..."""
 
     def column(self, name: str) -> Array:
-        """The values of a column. Raises DescriptionError if there is none of that name."""
+        """The values of a column. Raises DescriptionError if there is no column of this name."""
         if name not in self.columns:
             raise DescriptionError(f"{self.path}: no column '{name}'.{suggest(name, self.columns)}")
         return self.columns[name]
@@ -48,7 +51,7 @@ class Record:
         return float(np.median(np.diff(self.time))) if self.time.size > 1 else 0.0
 
     def uneven(self) -> str:
-        """A sentence about steps of time that are not the usual one, "" if there is none."""
+        """A sentence about steps of time that differ from the usual step; "" if all are equal."""
         steps = np.diff(self.time)
         others = np.flatnonzero(np.abs(steps - self.step) > UNEVEN * self.step)
         if not others.size:
@@ -71,14 +74,18 @@ def read_record(
 ) -> Record:
     """Read a record from a .csv (.tsv, .txt, .dat), .parquet or .mat file.
 
-    CSV: cells divided by comma, semicolon or tab, decimal point or comma, the first line names the columns, a row of
-    units may follow. Units may stand in names, too: column ``x [mm]`` is ``x`` in mm. ``time`` names the column of time
-    (default: the one called time or t). ``time_unit`` is its unit, by default what the file says, s if it does not. A
-    record without times needs ``sampling_time`` in s; its first sample is at 0 then. ``columns`` are those to read, by
-    name or by all of the label, default all. ``units`` says units that the file does not say, or says wrongly; values
-    stay as they are.
+    In a CSV file, comma, semicolon or tab divides the cells. Numbers have a decimal point or comma. The first line
+    names the columns; a row of units may follow. A name may hold the unit: column ``x [mm]`` is ``x`` in mm.
     Parquet needs the extra ``parquet``, MAT (version 5) the extra ``tools``.
-    Raises DescriptionError that names row and column of what is no finite number, and times that do not rise.
+
+    ``time``: name of the column of time (default: the column called time, t or zeit).
+    ``time_unit``: its unit (default: the unit in the file, else s).
+    ``sampling_time``: in s, for a record without times. The first sample is then at 0 s.
+    ``columns``: names or full labels of the columns to read (default: all).
+    ``units``: units of columns by name, where the file states none or a wrong one. Values are not converted.
+
+    Raises DescriptionError for unknown columns, for values that are not finite numbers (with row and column), and for
+    times that do not increase.
     """
     path = Path(path)
     table = open_table(path)
@@ -126,7 +133,7 @@ def read_record(
 
 
 class _Names:
-    """Names and units of the columns of a table. Raises DescriptionError for names that stand twice."""
+    """Names and units of the columns of a table. Raises DescriptionError if two columns have the same name."""
 
     def __init__(self, path: Path, table: Table) -> None:
         self.path = path
@@ -136,7 +143,7 @@ class _Names:
         ]
         self.names = [name for name, _ in split]
         self.units = [stated or unit for stated, (_, unit) in zip(table.units, split, strict=True)]
-        # "x [mm]" and "x [N]" differ by their units only: they keep them.
+        # "x [mm]" and "x [N]" differ only in their units. Such columns keep the unit in their name.
         self.names = [
             label if self.names.count(name) > 1 else name for name, label in zip(self.names, self.labels, strict=True)
         ]
@@ -145,7 +152,7 @@ class _Names:
             raise DescriptionError(f"{path}: more than one column is called {', '.join(map(repr, twice))}. Rename one.")
 
     def find(self, name: str, problems: list[str]) -> int | None:
-        """The number of a column, by its name or all of its label."""
+        """The number (from 0) of a column, by its name or its full label. None for an unknown name, and a problem."""
         for names in (self.names, self.labels):
             if name in names:
                 return names.index(name)
@@ -182,7 +189,7 @@ def _seconds(path: Path, name: str, values: Array, unit: str) -> Array:
 
 
 def _falling(time: Array) -> list[tuple[int, str]]:
-    """Rows whose time is not after that of the row before, and what is wrong there."""
+    """The rows whose time is not after the time of the row before, each with a message."""
     return [
         (row + 1, f"{time[row + 1]:.9g} s is not after {time[row]:.9g} s, the time of the row before. Times must rise.")
         for row in np.flatnonzero(np.diff(time) <= 0.0).tolist()

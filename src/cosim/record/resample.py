@@ -1,4 +1,4 @@
-"""The values of a record between its samples, and beyond them."""
+"""The values of a record at times between its samples, and before and after them."""
 
 from __future__ import annotations
 
@@ -8,40 +8,46 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 EQUAL = 0.01
-"""Times that differ by less than this fraction of a step are equal: logs round them, and products such as ``7*0.1`` are
-not the decimals that a file holds. The step is the shorter one of the record and of those who read it."""
+"""Times that differ by less than this fraction of a step count as equal.
+
+Logs round their times, and a product such as ``7*0.1`` is not exactly the decimal number in a file. The step is the
+shorter of the record's step and the reader's step.
+"""
 
 EXACT = 1e-9
-"""The same where values between samples are wanted: less than what interpolation could show."""
+"""The same fraction for linear interpolation. It is so small that it does not change an interpolated value visibly."""
 
 
 class Resampler:
-    """Samples at rising ``time``, read at other times, which are ``grid`` seconds apart or more."""
+    """Reads samples taken at ``time`` (in s, strictly increasing) at other times, at least ``grid`` seconds apart.
+
+    ``linear``: values are interpolated; else each sample holds until the next. ``repeat``: the record repeats itself.
+    """
 
     def __init__(self, time: Array, *, grid: float = np.inf, linear: bool = False, repeat: bool = False) -> None:
         self.time = time
         self.step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-        """The usual step of time, that from the last sample to the first where the record repeats itself."""
+        """The usual step of time in s. A record that repeats itself has this step from its last to its first sample."""
         self.slack = EQUAL * min(self.step, grid)
         self.linear = linear
         self.repeat = repeat
 
     @property
     def period(self) -> float:
-        """What the record lasts, a usual step behind its last sample included."""
+        """The duration of the record in s, including one usual step after the last sample."""
         return float(self.time[-1] - self.time[0]) + self.step
 
     def outside(self, at: Array) -> NDArray[np.bool_]:
-        """Which times lie before the first or after the last sample."""
+        """For each of the times ``at``, whether it lies before the first or after the last sample."""
         return (at < self.time[0] - self.slack) | (at > self.time[-1] + self.slack)
 
     def places(self, at: Array) -> tuple[NDArray[np.int_], Array]:
-        """For each of the times ``at``, which rise, the sample at or before it, and the times in the record."""
+        """The index of the sample at or before each time, and these times within the record. ``at`` must increase."""
         slack = EXACT * self.step if self.linear else self.slack
         if self.repeat:
             rounds: Array = np.floor((at - (self.time[0] - slack)) / self.period)
             at = np.subtract(at, rounds * self.period)
-        # Few samples out of many: a search among them alone stays in the cache.
+        # The times need few of many samples. A search among only these samples stays in the cache.
         first = max(int(np.searchsorted(self.time, np.min(at))) - 1, 0)
         last = int(np.searchsorted(self.time, np.max(at) + 2.0 * slack, side="right")) + 1
         index = np.searchsorted(self.time[first:last], at + slack, side="right")
@@ -50,7 +56,7 @@ class Resampler:
         return index, at
 
     def slopes(self, samples: Array) -> Array:
-        """The change of ``samples`` a second from each to the next: 0 behind the last one, unless they repeat."""
+        """The slope from each sample to the next, per second. After the last sample it is 0, unless samples repeat."""
         slopes = np.zeros_like(samples)
         steps = np.diff(self.time)
         slopes[:-1] = np.diff(samples, axis=0) / (steps if samples.ndim == 1 else steps[:, np.newaxis])
@@ -59,10 +65,10 @@ class Resampler:
         return slopes
 
     def values(self, samples: Array, at: Array, slopes: Array | None = None) -> Array:
-        """The values of ``samples``, one line a sample, at the rising times ``at``.
+        """The values of ``samples`` at the times ``at``, which must increase; one row for each sample or time.
 
-        Where the record does not repeat itself, the first and the last sample hold beyond its ends. Who asks often
-        gives the ``slopes`` of the samples, which interpolation needs.
+        Before the record the first sample holds, after it the last sample, unless the record repeats itself. Linear
+        interpolation needs ``slopes``; without them they are computed at every call.
         """
         index, at = self.places(at)
         found: Array = samples.take(index, axis=0)

@@ -1,4 +1,4 @@
-"""Tables in Parquet files and in MAT files (version 5, what MATLAB saves with ``-v7`` or ``-v6``)."""
+"""Tables in Parquet files and in MAT files (version 5, which MATLAB saves with ``-v7`` or ``-v6``)."""
 
 from __future__ import annotations
 
@@ -21,32 +21,35 @@ TEXT = (".csv", ".tsv", ".txt", ".dat")
 
 
 class Table(Protocol):
-    """The columns of a file."""
+    """A file as a table: the common interface of CSV, Parquet and MAT files."""
 
     labels: list[str]
     units: list[str]
-    """One a column, "" where the file does not say it beside the label."""
+    """The unit of each column; "" if the file states none, or only within the label."""
     metadata: Mapping[str, object]
 
     def values(self, columns: Sequence[int]) -> NDArray[np.float64]:
-        """The values of some columns, one line a row; NaN where a cell is no number."""
+        """The values of ``columns`` (numbers from 0), shape (rows, columns); NaN where a cell is not a number."""
         ...
 
     def place(self, row: int) -> str:
-        """Where row number ``row``, from 0, stands."""
+        """The place in the file of row number ``row`` (from 0), as text."""
         ...
 
     def is_number(self, row: int, column: int) -> bool:
-        """Whether a cell holds a number, which may be not finite."""
+        """Whether a cell holds a number; NaN and infinity count as numbers."""
         ...
 
     def wrong(self, row: int, column: int) -> str:
-        """Why a cell gives no finite number."""
+        """The reason why a cell holds no finite number."""
         ...
 
 
 def open_table(path: Path) -> Table:
-    """The table in a file, by the ending of its name. Raises DescriptionError."""
+    """The table in a file. The ending of its name says how it is read.
+
+    Raises DescriptionError for an unknown ending, and for a file that cannot be read.
+    """
     ending = path.suffix.lower()
     if ending in TEXT:
         table = CsvTable(path)
@@ -62,7 +65,10 @@ def open_table(path: Path) -> Table:
 
 
 def file_metadata(path: Path) -> Mapping[str, object]:
-    """The metadata of a file as ``open_table`` has them, without its rows; empty for files that are not read so."""
+    """The metadata that ``open_table`` gives, without reading the rows.
+
+    Empty for MAT files, for files that are not there, and for Parquet files without pyarrow.
+    """
     ending = path.suffix.lower()
     if ending in TEXT:
         return read_description(path)
@@ -75,7 +81,7 @@ def file_metadata(path: Path) -> Mapping[str, object]:
 
 
 class _Arrays:
-    """Columns that are arrays of numbers already."""
+    """A table whose columns are arrays of numbers."""
 
     def __init__(self, columns: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, object]) -> None:
         self.labels = list(columns)
@@ -97,7 +103,10 @@ class _Arrays:
 
 
 class ParquetTable(_Arrays):
-    """A table of numbers, with units and metadata as ``RecordWriter`` writes them. Raises DescriptionError."""
+    """A table in a Parquet file, with units and metadata as ``RecordWriter`` writes them.
+
+    Raises DescriptionError if pyarrow is not installed, or if the file cannot be read.
+    """
 
     def __init__(self, path: Path) -> None:
         try:
@@ -136,7 +145,7 @@ class ParquetTable(_Arrays):
 
 
 def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, object]:
-    """Metadata of a Parquet file; what ``RecordWriter`` turned into JSON comes back as it was."""
+    """The metadata of a Parquet file. Texts that are valid JSON are decoded, because ``RecordWriter`` writes JSON."""
     result: dict[str, object] = {}
     for key, value in metadata.items():
         if key == b"ARROW:schema":
@@ -150,9 +159,10 @@ def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, object]:
 
 
 class MatTable(_Arrays):
-    """Vectors of one length in a MAT file, those inside structs by ``struct.field``; a matrix gives ``name[1]`` ...
+    """The vectors of a MAT file. A vector in a struct is named ``struct.field``; a matrix has columns ``name[1]`` ...
 
-    The length is that of the most vectors. Scalars and texts are metadata. Raises DescriptionError.
+    Vectors of other lengths than the most common one are left out. Scalars and texts are metadata.
+    Raises DescriptionError if scipy is not installed, if the file cannot be read, or if it has no vectors.
     """
 
     def __init__(self, path: Path) -> None:
@@ -168,7 +178,7 @@ class MatTable(_Arrays):
             raise DescriptionError(
                 f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7."
             ) from None
-        except Exception as error:  # of any class: scipy raises what it happens to meet in a damaged file
+        except Exception as error:  # scipy raises exceptions of many classes for a damaged file
             raise DescriptionError(f"{path}: is no MAT file that can be read ({error}).") from None
         vectors: dict[str, NDArray[np.float64]] = {}
         metadata: dict[str, object] = {}

@@ -1,4 +1,4 @@
-"""The file of a record: written at once or while the run goes on, there whole or not at all."""
+"""Writes the file of a record, at once or during the run. The file is there whole or not at all."""
 
 from __future__ import annotations
 
@@ -21,11 +21,14 @@ from .description import Column, description_of, description_path, metadata_with
 FORMATS = (".csv", ".parquet")
 
 PARQUET_BYTES, CSV_BYTES = 2**26, 2**22
-"""Size of the rows that are written at a time: they are copied, and turned into text of several times their size."""
+"""Size of the rows that are written at a time, in bytes.
+
+Rows are copied before they are written. As CSV text they are several times larger.
+"""
 
 
 class _CsvFile:
-    """A comma between columns, quoted names, time first, the shortest digits that read back the same."""
+    """CSV with commas between columns and quoted names. Numbers have the fewest digits that read back the same."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column]) -> None:
         self._file = file
@@ -40,7 +43,10 @@ class _CsvFile:
 
 
 class _ParquetFile:
-    """Units with each column, metadata with the schema; what is known late is key-value metadata of the file."""
+    """Parquet with units in the columns and metadata in the schema.
+
+    Metadata that are known only at the end of the run are key-value metadata of the file.
+    """
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], metadata: Mapping[str, str]) -> None:
         self._arrow: Any = import_module("pyarrow")
@@ -53,7 +59,7 @@ class _ParquetFile:
             for c in columns
         ]
         self._schema = self._arrow.schema(fields, dict(metadata))
-        # Arrow writes to a file of Python, whose errors come through as they are.
+        # Arrow writes to a Python file object, so that an OSError reaches the caller unchanged.
         self._writer: Any = import_module("pyarrow.parquet").ParquetWriter(file, self._schema)
 
     def write(self, table: NDArray[np.float64]) -> None:
@@ -67,9 +73,9 @@ class _ParquetFile:
 
 
 class RecordWriter:
-    """Writes rows to ``path``, .csv or .parquet, as they come; a context manager that keeps a finished file only.
+    """Writes rows to ``path`` (.csv or .parquet) as they come. As a context manager it keeps only a finished file.
 
-    Units, texts and metadata of a CSV file are in a file of their own beside it (``description``).
+    Units, descriptions and metadata of a CSV file are in a second file beside it (module ``description``).
     Raises DescriptionError for another ending or a folder, FileError if the file cannot be written.
     """
 
@@ -92,14 +98,14 @@ class RecordWriter:
             )
 
     def write(self, times: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
-        """Add rows, one a time."""
+        """Add ``rows``, one for each of ``times`` in s; shape (times, columns). Raises FileError."""
         with self._written():
             for first in range(0, len(rows), self._piece):
                 part = slice(first, first + self._piece)
                 self._file.write(np.column_stack((times[part], rows[part])))
 
     def finish(self, late: Mapping[str, Any]) -> None:
-        """Complete the file, with what is known at the end only, and give it its name."""
+        """Complete the file with ``late`` metadata and give it its name. Raises FileError."""
         with self._written():
             self._file.close(_texts(late))
         if not self._csv:
@@ -107,7 +113,7 @@ class RecordWriter:
             return
         content = description_of(self._path, self._columns, {**self._metadata, **late}, self._new.file.tell())
         try:
-            # Both are complete on the disk before either gets its name; the record's is the one that matters.
+            # Both files are complete on the disk before either gets its name. The record gets its name first.
             with Replacement(description_path(self._path)) as description:
                 description.file.write(content)
                 description.file.flush()
@@ -117,7 +123,7 @@ class RecordWriter:
             raise
 
     def discard(self) -> None:
-        """Leave everything as it was."""
+        """Remove the unfinished file. An older file at ``path`` stays."""
         self._new.discard()
 
     @contextlib.contextmanager
@@ -142,7 +148,7 @@ class RecordWriter:
 
 
 def check_format(path: Path) -> None:
-    """Raise DescriptionError unless ``path`` ends as a record can."""
+    """Raise DescriptionError for another ending than .csv or .parquet, or for .parquet without pyarrow."""
     if path.suffix.lower() not in FORMATS:
         raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
     if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
@@ -153,7 +159,7 @@ def check_format(path: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Raise DescriptionError unless results can be written as ``path`` says."""
+    """Check that a record can be written to ``path``. Raises DescriptionError or FileError if it cannot."""
     check_format(path)
     check_writable(path)
 

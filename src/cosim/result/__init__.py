@@ -1,1 +1,1 @@
-"""What came out of a run: the Result, figures of merit, pictures."""
+"""The results of runs: the Result, figures of merit, comparisons, pictures, reports."""

@@ -1,4 +1,4 @@
-"""Two recordings brought to common times: units, delay, resampling."""
+"""Brings two recordings to common units and common times: conversion of units, delay, resampling."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from .metrics import Array, window
 from .summary import Recorded
 
 LEAST_OVERLAP = 0.5
-"""Of the shorter recording, which a delay must leave: less says little about it."""
+"""Smallest overlap of both recordings after a delay, as a fraction of the shorter one. Less overlap says little."""
 MOST_POINTS = 2**19
-"""Points of the grids on which a delay is looked for: more take seconds a signal."""
+"""Largest number of points of the grids for the search of a delay. More points take seconds for each signal."""
 MOST_SIGNALS = 8
-"""Signals by which a delay is looked for, the first that vary: each takes part of a second."""
+"""Largest number of signals for the search of a delay: the first that vary. Each takes a fraction of a second."""
 STILL = 1e-3
-"""Of the variance of a whole signal: where it varies less nothing tells its delay."""
+"""A part of a signal says nothing about the delay if its variance is below this fraction of the whole variance."""
 EQUAL = 1e-9
-"""Correlations that differ by less are equal: rounding leaves some 1e-12."""
+"""Correlations that differ by less count as equal. Rounding causes differences of about 1e-12."""
 SAME = 1e-6
-"""Of a step: times that differ by less are the same time, written with fewer digits."""
+"""Times that differ by less than this fraction of a step count as equal. Files round times to fewer digits."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Side:
     time: Array
     values: Mapping[str, Array]
     units: Mapping[str, str]
-    """By name; "" where the recording does not say."""
+    """Unit of each signal by name; "" if the recording does not state it."""
     metadata: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @property
@@ -47,14 +47,14 @@ class Side:
         return float(np.median(np.diff(self.time)))
 
     def named(self, name: str) -> Array:
-        """The values of a signal. Raises DescriptionError."""
+        """The values of a signal. Raises DescriptionError if there is no such signal."""
         if name not in self.values:
             raise DescriptionError(f"{self.label}: has no '{name}'.{suggest(name, self.values)}")
         return self.values[name]
 
 
 def side_of(source: Recorded | Record, label: str) -> Side:
-    """A result or a record as a side. Raises DescriptionError if it has less than two samples."""
+    """A result or a record as a Side. Raises DescriptionError if it has less than two samples."""
     if source.time.size < 2:
         raise DescriptionError(f"{label}: {source.time.size} samples: give a recording with at least 2.")
     if isinstance(source, Record):
@@ -65,7 +65,7 @@ def side_of(source: Recorded | Record, label: str) -> Side:
 
 @dataclass(frozen=True)
 class Pairs:
-    """The signals of two sides that belong together, values of ``b`` in the units of ``a``."""
+    """The paired signals of two sides. The values of ``b`` are converted to the units of ``a``."""
 
     names: tuple[tuple[str, str], ...]
     units: tuple[str, ...]
@@ -76,9 +76,9 @@ class Pairs:
 
 
 def pair(a: Side, b: Side, signals: Mapping[str, str] | Sequence[str] | None) -> Pairs:
-    """Pair the named signals, ``{name in a: name in b}`` or names of both; without names all that both have.
+    """Pair the signals ``{name in a: name in b}``, or names that both sides have; None for all names that both have.
 
-    Raises DescriptionError with all names that are missing and all units that do not convert.
+    Raises DescriptionError with all missing names and all units that do not convert.
     """
     if signals is None:
         names = [(name, name) for name in common_names(a, b)]
@@ -122,8 +122,8 @@ def _listed(side: Side) -> str:
 
 
 def _conversion(a: Side, b: Side, names: tuple[str, str], notes: list[str]) -> tuple[str, float, float]:
-    """The unit of a pair, and factor and offset from that of ``b``. Raises DescriptionError if they do not convert."""
-    # FMUs give no unit to what has none, and to what they do not say.
+    """The unit of a pair, and factor and offset from the unit of ``b``. Raises DescriptionError if there is none."""
+    # FMUs state no unit in two cases: the variable has no unit, or its unit is not known.
     one, other = (
         "" if (unit := side.units.get(name, "")) == "1" else unit for side, name in zip((a, b), names, strict=True)
     )
@@ -149,18 +149,20 @@ def _conversion(a: Side, b: Side, names: tuple[str, str], notes: list[str]) -> t
 
 
 def estimate_delay(pairs: Pairs, *, everywhere: bool = False) -> float:
-    """Seconds by which ``b`` lags behind ``a``: where both correlate best, so neither gain nor offset counts.
+    """The delay in s by which ``b`` lags behind ``a``. At this delay the correlation is largest.
 
-    Looked for within a quarter of the common time, or ``everywhere`` where half of the shorter side remains. The first
-    pairs that vary count alike. Between the points of the grid (the coarser step) the last steps are those of Gauss and
-    Newton. NaN if no signal varies on both sides, or where the times do not meet.
+    A gain and an offset do not change the correlation. The search covers delays up to a quarter of the common time.
+    With ``everywhere``, it covers all delays that leave an overlap of half of the shorter side. All pairs that vary
+    have the same weight, but only the first ``MOST_SIGNALS`` are used. The search is on a grid with the coarser step of
+    both sides; Gauss-Newton steps then refine the delay between the grid points. NaN if no signal varies on both sides,
+    or if their times do not overlap.
     """
     a, b = pairs.a, pairs.b
     lengths = [float(side.time[-1] - side.time[0]) for side in (a, b)]
     step = max(a.step, b.step, sum(lengths) / MOST_POINTS)
     start = float(b.time[0] - a.time[0])
     grid_a, grid_b = _grid(a, step), _grid(b, step)
-    # Sample i of a meets sample i + lag of b: b lags by lag*step + start then.
+    # If sample i of a meets sample i + lag of b, then b lags by lag*step + start.
     lags: NDArray[np.intp] = np.arange(1 - grid_a.size, grid_b.size, dtype=np.intp)
     shared = np.minimum(grid_a.size, grid_b.size - lags) - np.maximum(0, -lags)
     allowed = shared >= max(2.0, LEAST_OVERLAP * min(lengths) / step)
@@ -179,22 +181,22 @@ def estimate_delay(pairs: Pairs, *, everywhere: bool = False) -> float:
     if not costs or not np.any(allowed):
         return math.nan
     total = np.where(allowed, np.sum(costs, axis=0), np.inf)
-    # Ramps fit ramps at every lag: of equals the least.
+    # Ramps fit ramps at every lag. Of equally good lags, take the smallest.
     equal = np.flatnonzero(total <= np.min(total) + EQUAL)
     best = equal[int(np.argmin(np.abs(lags[equal] * step + start)))]
     return _refined(pairs, float(lags[best]) * step + start, step)
 
 
 def _grid(side: Side, step: float) -> Array:
-    """Even times over all of a side."""
+    """Equally spaced times over the whole side, in s."""
     count = int((side.time[-1] - side.time[0]) / step + SAME) + 1
     return side.time[0] + step * np.arange(count, dtype=np.float64)
 
 
 def _cost(one: Array, other: Array, lags: NDArray[np.intp], shared: NDArray[np.intp]) -> Array:
-    """For every lag 1 minus the correlation of ``one[i]`` and ``other[i + lag]`` over the samples that meet.
+    """For every lag, 1 minus the correlation of ``one[i]`` and ``other[i + lag]`` over the overlapping samples.
 
-    1, as of two signals that have nothing to do with each other, where one hardly varies: rest fits any rest.
+    It is 1, as for unrelated signals, if one of them hardly varies in the overlap: a rest would fit any other rest.
     """
     size = 1 << int(one.size + other.size - 1).bit_length()
     product = np.fft.irfft(np.fft.rfft(other, size) * np.conj(np.fft.rfft(one, size)), size)[lags]
@@ -213,9 +215,9 @@ def _cost(one: Array, other: Array, lags: NDArray[np.intp], shared: NDArray[np.i
 
 
 def _refined(pairs: Pairs, lag: float, step: float) -> float:
-    """The lag near ``lag``, within a step of it, at which every b is best a gain times a and an offset.
+    """The lag within one step of ``lag`` at which gain*a + offset fits b best, for all pairs together.
 
-    Three Gauss-Newton steps on all pairs.
+    Three Gauss-Newton steps; each pair has its own gain and offset.
     """
     a, b = pairs.a, pairs.b
     found = lag
@@ -234,7 +236,7 @@ def _refined(pairs: Pairs, lag: float, step: float) -> float:
                 continue
             slope = (high - low) / (2.0 * step)
             steepness = float(slope @ slope)
-            # What gain and offset make of a is taken out of both.
+            # Remove from both the part that a gain and an offset of a can explain.
             slope, rest = (part - np.mean(part) - (float(one @ part) / norm) * one for part in (slope, other))
             if float(slope @ slope) > EQUAL * steepness:
                 gradient += float(slope @ rest) / spread
@@ -251,10 +253,11 @@ def _refined(pairs: Pairs, lag: float, step: float) -> float:
 def resample(
     pairs: Pairs, lag: float, *, hold: bool, interval: tuple[float, float]
 ) -> tuple[Array, dict[str, Array], dict[str, Array], str]:
-    """Times of ``a``, the values of both sides there, and how: ``b`` is moved back by ``lag`` seconds.
+    """Common times (on the clock of ``a``, in s), the values of a and of b at these times, and a phrase that says how.
 
-    The side with the longer steps keeps its samples; the other is interpolated at its times, linearly or held.
-    Raises DescriptionError if the sides have no two times in common.
+    ``b`` is moved back by ``lag`` seconds. The side with the longer steps keeps its samples. The other side is
+    interpolated at these times: linearly, or, with ``hold``, with its last sample. Only times in ``interval`` count.
+    Raises DescriptionError if the sides have less than two times in common.
     """
     a, b = pairs.a, pairs.b
     time_b = b.time - lag if lag else b.time
@@ -277,7 +280,7 @@ def resample(
         met = {name: values[part] for name, values in fine.values.items()}
         how = f"both at the same {times.size} times"
     elif hold:
-        # The value at a time is that of the last sample not after it.
+        # A time gets the value of the last sample that is not after it.
         index = np.maximum(np.searchsorted(fine_time, times + slack, side="right") - 1, 0)
         met = {name: values[index] for name, values in fine.values.items()}
         how = f"{fine.label} (every {fine.step:.6g} s) held at the {times.size} times of {base.label}"

@@ -1,7 +1,7 @@
-"""Two recordings compared: runs, records, or one of each.
+"""Compares two recordings: two runs, two records, or one of each.
 
-``a`` is the reference (a measurement, a published trace), ``b`` what is judged by it; a difference is b minus a, in the
-unit of a. Every step that changes values is said: conversion of units, delay, interpolation.
+``a`` is the reference (a measurement, a published trace); ``b`` is compared with it. A difference is b minus a, in the
+unit of a. Every change of values is reported: conversion of units, delay, interpolation.
 """
 
 from __future__ import annotations
@@ -21,22 +21,28 @@ from .metrics import Array, max_abs, mean, rms, sine_amplitude
 from .summary import Recorded, loops
 
 SEGMENTS = 8
-"""Segments over which a spectrum is averaged: fewer is rough, more has no low frequencies."""
+"""Number of segments over which a spectrum is averaged.
+
+Fewer segments give a rough spectrum. More segments are shorter and have no low frequencies.
+"""
 WORTH_SAYING = 0.05
-"""Of a step: a delay below it moves no sample."""
+"""Smallest delay that is reported, as a fraction of a step. A smaller delay does not move a sample."""
 
 Shift = float | Literal["estimate"]
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A tube around ``a``: ``absolute`` plus ``relative`` times the range of a, within ``time`` seconds."""
+    """A tube around ``a``: ``absolute`` plus ``relative`` times the range of a (largest minus smallest value).
+
+    ``b`` may also be early or late by up to ``time`` seconds.
+    """
 
     absolute: float = 0.0
     relative: float = 0.0
     time: float = 0.0
     unit: str = ""
-    """Of ``absolute``; that of the signal if it is empty."""
+    """Unit of ``absolute``; if empty, the unit of the signal."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +51,11 @@ class Outside:
 
     count: int
     share: float
-    """Of all samples."""
+    """``count`` as a fraction of all samples."""
     first: float
-    """Time of the first, s."""
+    """Time of the first sample outside, in s."""
     excess: float
-    """Farthest from the tube, in the unit of the signal."""
+    """Largest distance from the tube, in the unit of the signal."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +63,18 @@ class Spectrum:
     """One-sided amplitude spectral density of a difference; its square integrates to the variance (Welch 1967)."""
 
     frequency: Array
-    """Hz, without 0."""
+    """Frequencies in Hz, without 0."""
     density: Array
-    """Unit of the signal per square root of Hz."""
+    """Density at each frequency, in the unit of the signal per square root of Hz."""
     peak_frequency: float
-    """Of the largest component of the whole difference, Hz."""
+    """Frequency in Hz of the largest component of the whole difference."""
     peak_amplitude: float
+    """Amplitude of this component, in the unit of the signal."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A signal of both sides at common times. Figures are NaN where a sample is not finite."""
+    """A signal of both sides at common times, and its figures. Figures are NaN if a sample is not finite."""
 
     name: str
     other: str
@@ -79,11 +86,11 @@ class Difference:
     maximum: float
     """Largest magnitude of b - a."""
     at: float
-    """Time of it, s."""
+    """Time of ``maximum``, in s."""
     rms: float
     mean: float
     relative: float
-    """``rms`` as a share of the rms of a; NaN if a is 0 everywhere."""
+    """``rms`` as a fraction of the rms of a; NaN if a is 0 everywhere."""
     fit: float
     """100 * (1 - norm(b - a) / norm(a - mean(a))) %: the NRMSE fit of system identification; NaN if a does not vary."""
     spectrum: Spectrum | None
@@ -107,25 +114,25 @@ class Tracking:
     rms_a: float
     rms_b: float
     maximum: float
-    """Largest difference of the two errors."""
+    """Largest magnitude of the difference of the two errors."""
     rms: float
-    """Of the difference of the two errors."""
+    """Root mean square of the difference of the two errors."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two recordings compared."""
+    """The comparison of two recordings; ``a`` and ``b`` are their labels."""
 
     a: str
     b: str
     differences: tuple[Difference, ...]
     tracking: tuple[Tracking, ...]
     delay: float
-    """Seconds by which b was moved back before it was compared."""
+    """Seconds by which b was moved back before the comparison."""
     estimated_delay: float
-    """Seconds by which b lags behind a as they were recorded, by its best fit; NaN if that cannot be told."""
+    """Seconds by which the recorded b lags behind a, estimated from their best fit; NaN if there is no estimate."""
     how: str
-    """At which times both were compared, and who was interpolated."""
+    """A phrase that says at which times both were compared, and which side was interpolated."""
     notes: tuple[str, ...]
 
     @property
@@ -134,7 +141,7 @@ class Comparison:
         return all(entry.outside is None for entry in self.differences)
 
     def __getitem__(self, name: str) -> Difference:
-        """The difference of a signal, by its name in ``a``. Raises DescriptionError."""
+        """The difference of a signal, by its name in ``a``. Raises DescriptionError if it was not compared."""
         for entry in self.differences:
             if entry.name == name:
                 return entry
@@ -155,10 +162,14 @@ def compare(
 ) -> Comparison:
     """Compare ``b`` with the reference ``a``.
 
-    ``signals``: ``{name in a: name in b}``, names that both have, or None for all of those. Units are converted; where
-    one side says none the other's counts. ``tolerance``: for all signals, or by name in a. ``delay`` moves b back by so
-    many seconds; ``"estimate"`` by those at which both fit best. The side with longer steps keeps its samples, the
-    other is interpolated between its own. ``start`` and ``stop``: seconds of a that are compared.
+    ``signals``: ``{name in a: name in b}``, or names that both have; None for all names that both have.
+    ``tolerance``: one for all signals, or by name in a.
+    ``delay``: seconds by which b is moved back; ``"estimate"`` takes the delay with the best fit.
+    ``start``, ``stop``: the times of a in s between which both are compared.
+    ``labels``: names of both sides in messages.
+
+    Units are converted. If one side states no unit, it is taken to have the unit of the other side. The side with
+    longer steps keeps its samples; the other side is interpolated at these times.
     Raises DescriptionError for names, units and times that do not fit together.
     """
     pairs = pair(side_of(a, labels[0]), side_of(b, labels[1]), signals)
@@ -183,7 +194,7 @@ def compare(
 
 
 def _delay_notes(label: str, moved: float, estimated: float, step: float) -> list[str]:
-    """What is said of the delay of ``b``."""
+    """The note about the delay of ``b``; empty if there is none to report."""
     if moved:
         way = "back" if moved > 0.0 else "forward"
         return [f"{label} is moved {way} by {abs(moved):.6g} s before it is compared."]
@@ -219,7 +230,7 @@ def _tolerances(given: Tolerance | Mapping[str, Tolerance] | None, units: Mappin
 def _difference(
     said: tuple[str, str, str], time: Array, values: tuple[Array, Array], tolerance: Tolerance | None
 ) -> Difference:
-    """The difference of a signal; ``said``: its names on both sides and its unit."""
+    """The difference of a signal; ``said`` are its name in a, its name in b and its unit."""
     a, b = values
     off = b - a
     finite = bool(np.all(np.isfinite(off)))
@@ -244,12 +255,16 @@ def _difference(
 
 
 def _tube(time: Array, a: Array, tolerance: Tolerance) -> tuple[Array, Array]:
-    """Smallest and largest value of ``a``, linear between samples, within the tolerance of time, widened."""
+    """The lower and the upper limit of b at each time.
+
+    They are the smallest and the largest value of ``a`` within the tolerance of time, widened by the other tolerances.
+    ``a`` is linear between samples.
+    """
     finite = a[np.isfinite(a)]
     width = tolerance.absolute + tolerance.relative * (float(np.ptp(finite)) if finite.size else 0.0)
     low, high = a.copy(), a.copy()
     if tolerance.time > 0.0:
-        # At the ends of the window of time the line between two samples counts, in between every sample.
+        # The extremes are those of the samples in the window of time and of the interpolated values at its two ends.
         ends = [np.interp(time + shift, time, a) for shift in (-tolerance.time, tolerance.time)]
         first = np.searchsorted(time, time - tolerance.time, side="left")
         last = np.searchsorted(time, time + tolerance.time, side="right")
@@ -274,7 +289,7 @@ def _over(extreme: np.ufunc, values: Array, first: Any, last: Any) -> Array:
 
 def _outside(time: Array, b: Array, tube: tuple[Array, Array]) -> Outside | None:
     excess = np.maximum(tube[0] - b, b - tube[1])
-    out = np.flatnonzero(~(excess <= 0.0))  # what is not finite is outside
+    out = np.flatnonzero(~(excess <= 0.0))  # samples that are not finite are outside
     if not out.size:
         return None
     farthest = float(np.max(excess))
@@ -282,9 +297,9 @@ def _outside(time: Array, b: Array, tube: tuple[Array, Array]) -> Outside | None
 
 
 def spectrum(time: Array, signal: Array) -> Spectrum:
-    """The spectrum of a signal: Welch's mean of ``SEGMENTS`` segments, half overlapping, each with a Hann window.
+    """The spectrum of a signal by Welch's method: ``SEGMENTS`` segments with half overlap and a Hann window.
 
-    Uneven times are made even by linear interpolation at their mean step.
+    ``time`` in s. If it is uneven, the signal is interpolated linearly to even times with the mean step.
     """
     step = float(time[-1] - time[0]) / (time.size - 1)
     even: Array = time[0] + step * np.arange(time.size, dtype=np.float64)
@@ -311,7 +326,10 @@ def _tracking(
     of_b: Mapping[str, Array],
     notes: list[str],
 ) -> tuple[Tracking, ...]:
-    """The tracking errors of the loops, known on either side, whose reference and position are compared."""
+    """The tracking errors of all loops whose reference and position are compared.
+
+    The loops are known if at least one side is a run. Adds a note for a loop whose units do not fit.
+    """
     names_of_b = {other: name for name, other in pairs.names}
     units = dict(zip((name for name, _ in pairs.names), pairs.units, strict=True))
     found: dict[tuple[str, str], Tracking] = {}

@@ -1,4 +1,4 @@
-"""What is shown of a comparison: rows of a table, a picture, a page."""
+"""Shows a comparison: as rows of a table, as a picture, as a page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .run_report import figure_parts, provenance, system_parts
 from .summary import Figure, FigureOfMerit, Missing
 
 MOST_SIGNALS = 8
-"""Signals in a picture or page; those that differ most, if there are more."""
+"""Largest number of signals in a picture or page. If there are more, those that differ most are shown."""
 
 
 def comparison_rows(found: Comparison) -> list[Figure]:
@@ -60,7 +60,7 @@ def comparison_rows(found: Comparison) -> list[Figure]:
 
 
 def comparison_panels(found: Comparison) -> list[Panel]:
-    """For each signal both sides in one panel, and their difference with the tube below; those that differ most."""
+    """For each signal of ``shown``, a panel with both sides, and below it a panel with the difference and the tube."""
     panels: list[Panel] = []
     for entry in shown(found):
         name = entry.name if entry.name == entry.other else f"{entry.name} / {entry.other}"
@@ -77,7 +77,7 @@ def comparison_panels(found: Comparison) -> list[Panel]:
 
 
 def shown(found: Comparison) -> list[Difference]:
-    """At most ``MOST_SIGNALS`` signals, in the order in which they were compared."""
+    """The signals that differ most, at most ``MOST_SIGNALS``, in the order in which they were compared."""
 
     def weight(entry: Difference) -> tuple[bool, float]:
         relative = entry.relative if math.isfinite(entry.relative) else entry.maximum
@@ -88,9 +88,9 @@ def shown(found: Comparison) -> list[Difference]:
 
 
 def plot_comparison(found: Comparison, path: str | Path | None = None) -> Picture:
-    """Both sides and their differences as a picture, written to ``path`` if it is given.
+    """Both sides and their differences as a picture. It is written to ``path`` if this is given.
 
-    Raises DescriptionError for an ending that no picture has, FileError if it cannot be written.
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
     """
     picture = Picture(tuple(comparison_panels(found)), f"{found.b} compared with {found.a}")
     if path is not None:
@@ -99,7 +99,7 @@ def plot_comparison(found: Comparison, path: str | Path | None = None) -> Pictur
 
 
 def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list[Section]:
-    """What a page tells of a comparison."""
+    """The sections of the page of a comparison."""
     spectra = [
         Panel(
             "Density",
@@ -129,9 +129,10 @@ def comparison_sections(found: Comparison, *, notes: Sequence[str] = ()) -> list
 def report_comparison(
     found: Comparison, path: str | Path, sources: tuple[Result | Record, Result | Record], *, notes: Sequence[str] = ()
 ) -> Path:
-    """Write the page of a comparison of ``sources``; ``notes`` stand on it beside those of the comparison.
+    """Write the page of a comparison of ``sources``. ``notes`` are added to the notes of the comparison.
 
-    Raises DescriptionError for another ending than .html or if plotly is missing, FileError if it cannot be written.
+    Raises DescriptionError for another ending than .html or .htm or if plotly is missing, FileError if the file cannot
+    be written.
     """
     sections = comparison_sections(found, notes=notes)
     for label, source in zip((found.a, found.b), sources, strict=True):

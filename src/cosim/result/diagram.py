@@ -1,8 +1,8 @@
 """The block diagram of a system as SVG: instances as blocks, connections as wires with their units.
 
-Blocks stand in columns from the sources on the left along the flow of signals, as Sugiyama, Tagawa and Toda 1981 have
-it. A wire to the next column runs in the gap between both. One that skips columns runs above the blocks, one that goes
-back (feedback) below them. Every output has its own track in each place, so wires cross but never lie on each other.
+Blocks are in columns along the flow of signals, with the sources on the left (Sugiyama, Tagawa and Toda 1981). A wire
+to the next column runs in the gap between both columns. A wire that skips columns runs above the blocks. A feedback
+wire runs below them. Every output has its own track in each place, so wires may cross but never overlap.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 from html import escape
 
 PORT, HEAD, MARGIN, LANE = 20.0, 44.0, 14.0, 9.0
-"""Heights of a port and of a block's head, the border of the drawing, the distance of parallel wires: pixels."""
+"""In pixels: height of a port, height of a block's head, border of the drawing, distance of parallel wires."""
 LETTER, SMALL_LETTER = 7.6, 6.1
-"""Width of a letter of the bold and of the small font, on the wide side: fonts differ from browser to browser."""
+"""Width in pixels of a letter in the bold and in the small font. Rather wide, because fonts of browsers differ."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """An instance: its name, what it is (the FMU), and a text that appears under the pointer."""
+    """An instance: its name, its ``kind`` (the FMU), and a ``text`` that appears under the mouse pointer."""
 
     name: str
     kind: str = ""
@@ -34,21 +34,21 @@ class Wire:
     source: tuple[str, str]
     target: tuple[str, str]
     unit: str = ""
-    """Said where the wire leaves its source."""
+    """Written where the wire leaves its source."""
     change: str = ""
-    """Said where the wire arrives: the factor or the other unit, if there is one."""
+    """Written where the wire arrives: the factor or the other unit, if there is one."""
 
 
 @dataclass
 class _Box:
-    """A block with its place."""
+    """A block with its place in the drawing."""
 
     block: Block
     column: int = 0
     inputs: list[str] = field(default_factory=list[str])
     outputs: list[str] = field(default_factory=list[str])
     sums: set[str] = field(default_factory=set[str])
-    """Inputs at which several wires end."""
+    """The inputs at which several wires end."""
     x: float = 0.0
     y: float = 0.0
     width: float = 0.0
@@ -65,9 +65,9 @@ class _Box:
 
 
 def draw(blocks: Sequence[Block], wires: Sequence[Wire]) -> str:
-    """The diagram as SVG markup that takes its colours from the page's ``--text --grey --block --edge``.
+    """The diagram as SVG markup. Its colours are the CSS variables ``--text --grey --block --edge`` of the page.
 
-    Blocks keep their order where the wires leave a choice: give them in the order of evaluation.
+    If the wires allow several orders, blocks keep the given order. Give them in the order of evaluation.
     """
     boxes = {block.name: _Box(block) for block in blocks}
     wires = [wire for wire in wires if wire.source[0] in boxes and wire.target[0] in boxes]
@@ -93,10 +93,11 @@ def draw(blocks: Sequence[Block], wires: Sequence[Wire]) -> str:
 
 
 def columns(names: Sequence[str], wires: Sequence[Wire]) -> dict[str, int]:
-    """The column of each block, 0 for sources: one more than that of every block that feeds it forwards.
+    """The column of each block: 0 for sources, otherwise at least one more than all blocks that feed it forwards.
 
-    Blocks are taken one by one: the first whose sources are all taken, else, to open a loop, the one with most
-    sources taken. A wire from a later to an earlier block is feedback.
+    Blocks are placed one after the other. The next block is the first whose sources are all placed. If there is none,
+    there is a loop; then the block with most sources placed is next. A wire from a later to an earlier block is
+    feedback.
     """
     sources: dict[str, list[str]] = {name: [] for name in names}
     for wire in wires:
@@ -116,7 +117,7 @@ def columns(names: Sequence[str], wires: Sequence[Wire]) -> dict[str, int]:
 
 
 def _groups(names: Sequence[str], wires: Sequence[Wire]) -> list[list[str]]:
-    """Blocks that hang together, each group in the order of ``names``."""
+    """Groups of connected blocks, each in the order of ``names``."""
     group = {name: i for i, name in enumerate(names)}
     for wire in wires:
         one, other = sorted((group[wire.source[0]], group[wire.target[0]]))
@@ -133,7 +134,7 @@ class _Layout:
         self._marks: list[str] = []
         last = max((box.column for box in boxes.values()), default=0)
         self._lanes: dict[int, dict[tuple[str, ...], int]] = defaultdict(dict)
-        """By gap (gap n is left of column n) the number of each vertical piece of wire."""
+        """For each gap (gap n is left of column n), the lane number of each vertical piece of wire."""
         for wire in wires:
             self._claim(wire)
         self._left, self._gap = self._across(last)
@@ -141,7 +142,7 @@ class _Layout:
         self.height = self._down()
 
     def _forward(self, wire: Wire) -> int:
-        """Columns from source to target."""
+        """Number of columns from source to target; negative for feedback."""
         return self._boxes[wire.target[0]].column - self._boxes[wire.source[0]].column
 
     def _claim(self, wire: Wire) -> None:
@@ -156,7 +157,7 @@ class _Layout:
         return max((box.width for box in self._boxes.values() if box.column == column), default=0.0)
 
     def _across(self, last: int) -> tuple[list[float], list[float]]:
-        """Left edges of the columns, and widths of the gaps left of each and right of the last."""
+        """Left edges of the columns; and widths of the gaps: left of each column, and right of the last."""
         gaps: list[float] = []
         for gap in range(last + 2):
             units = [SMALL_LETTER * len(w.unit) for w in self._wires if self._boxes[w.source[0]].column == gap - 1]
@@ -171,7 +172,7 @@ class _Layout:
         return left, gaps
 
     def _down(self) -> float:
-        """Place the blocks and draw the wires, group under group; the height of all."""
+        """Place the blocks and draw the wires, one group below the other. Returns the height of the drawing."""
         top = MARGIN
         for group in _groups(list(self._boxes), self._wires):
             wires = [wire for wire in self._wires if wire.source[0] in group]
@@ -202,7 +203,7 @@ class _Layout:
         return top - 24.0 + MARGIN
 
     def _lane(self, gap: int, key: tuple[str, ...]) -> float:
-        """Where a vertical piece of wire stands; lanes begin behind the units that stand at the left of the gap."""
+        """The x coordinate of a vertical piece of wire. Lanes begin to the right of the units in the gap."""
         units = [SMALL_LETTER * len(w.unit) for w in self._wires if self._boxes[w.source[0]].column == gap - 1]
         before = self._left[gap - 1] + self._column_width(gap - 1) if gap else MARGIN
         return before + max(units, default=0.0) + 8.0 + LANE * (self._lanes[gap][key] + 0.5)
@@ -221,7 +222,7 @@ class _Layout:
         change = wire.change and f", {wire.change}"
         unit = wire.unit and f" [{wire.unit}]"
         said = escape(f"{'.'.join(wire.source)}{unit} \N{RIGHTWARDS ARROW} {'.'.join(wire.target)}{change}")
-        # The wide invisible line makes the wire easy to point at.
+        # A wide invisible line makes it easy to point at the wire.
         return (
             f'<g class="wire"><title>{said}</title><path class="near" d="{path}"/><path d="{path}"/>'
             f'<path class="tip" d="M{x_end:.1f} {y_end:.1f}l-7 -3.5v7z"/>'
@@ -232,7 +233,7 @@ class _Layout:
         )
 
     def svg(self) -> str:
-        """All of it."""
+        """The whole drawing."""
         blocks = [_block(box) for box in self._boxes.values()]
         style = f"width:100%;max-width:{self.width:.0f}px;min-width:{0.75 * self.width:.0f}px"
         return "\n".join(

@@ -1,9 +1,10 @@
 """Figures of merit of recorded signals: tracking errors, step responses, circular tests.
 
-Every function takes plain arrays, one value a sample: ``time`` in s, other signals in any unit; a result has the unit
-of its signal unless its docstring says otherwise. Cut the arrays with ``window`` first where only a part counts. The
-position error is position minus reference, so a positive error leads a positive motion. A signal with samples that are
-not finite has no figure: single figures are NaN then, tests of several figures raise DescriptionError.
+Every function takes arrays with one value for each sample: ``time`` in s, other signals in any unit. A result has the
+unit of its signal unless its docstring says otherwise. To use only a part of the signals, cut them with ``window``
+first. The position error is position minus reference: in a positive motion, a positive error means that the position
+is ahead. For a signal with samples that are not finite, functions of one figure return NaN; functions of several
+figures raise DescriptionError.
 
 Terms of circular tests are those of ISO 230-4: radial deviation F about the commanded centre, circular deviation G
 about the least-squares centre, circular hysteresis H between the two senses of rotation.
@@ -38,9 +39,9 @@ def _need_finite(*signals: Array) -> None:
 
 
 def window(time: Array, start: float = -math.inf, stop: float = math.inf) -> slice:
-    """The samples with start <= time <= stop, as a slice; ends count if they are within 1e-6 of a sample spacing.
+    """The samples with start <= time <= stop, as a slice. Times in s.
 
-    Raises DescriptionError if there is none.
+    A sample outside by less than 1e-6 of the mean step still counts. Raises DescriptionError if there is no sample.
     """
     _need(time)
     begin, end = float(time[0]), float(time[-1])
@@ -68,7 +69,7 @@ def rms(signal: Array) -> float:
 
 
 def std(signal: Array) -> float:
-    """Standard deviation about the mean, divided by the number of samples."""
+    """Standard deviation about the mean: the mean square is over n samples, not n - 1."""
     peak = max_abs(signal)
     return peak * float(np.std(signal / peak)) if peak > 0.0 else peak
 
@@ -85,9 +86,9 @@ def steady_value(time: Array, signal: Array, duration: float) -> float:
 
 
 def total_variation(time: Array, signal: Array) -> float:
-    """Sum of the changes' magnitudes divided by the length of the window: unit of the signal a second.
+    """Sum of the magnitudes of all changes, divided by the duration; in the unit of the signal per second.
 
-    A smooth signal of amplitude A and frequency f has 4*A*f; chatter shows as a value orders of magnitude above.
+    A sine of amplitude A and frequency f has 4*A*f. Chatter gives values that are orders of magnitude larger.
     """
     _need(time, 2)
     if not np.all(np.isfinite(signal)):
@@ -104,9 +105,9 @@ def overshoot(signal: Array, start: float, final: float) -> float:
 
 
 def settling_time(time: Array, signal: Array, final: float, band: float, start: float = 0.0) -> float:
-    """Seconds from ``start`` to the first sample after which abs(signal - final) <= band holds to the end.
+    """Seconds from ``start`` to the first sample from which on abs(signal - final) <= band.
 
-    NaN if the last sample is outside the band: it has not settled.
+    NaN if the signal has not settled: its last sample is outside the band.
     """
     _need(signal)
     outside = np.flatnonzero(~(np.abs(signal - final) <= band))  # NaN is outside
@@ -139,9 +140,10 @@ def rise_time(time: Array, signal: Array, *, start: float, final: float, low: fl
 
 
 def reversal_times(time: Array, reference: Array) -> Array:
-    """Times in s at which the motion of ``reference`` changes its sense; a rest in between counts as one reversal.
+    """Times in s at which ``reference`` reverses its direction of motion.
 
-    The time is that of the extreme sample, the last one of a rest.
+    A reversal is at the extreme sample. If the reference rests there, it is at the last sample of the rest. Raises
+    DescriptionError if a sample is not finite.
     """
     _need_finite(reference)
     step = np.diff(reference)
@@ -151,17 +153,19 @@ def reversal_times(time: Array, reference: Array) -> Array:
 
 
 class ReversalPeak(NamedTuple):
-    """The error's peak after one velocity reversal."""
+    """The peak of the error after one velocity reversal."""
 
     time: float
-    """Time of the reversal, s."""
+    """Time of the reversal in s."""
     peak: float
-    """Error of largest magnitude in the first half of the way to the next reversal, signed."""
+    """Error of largest magnitude, signed, in the first half of the time to the next reversal."""
     delay: float
     """Seconds from the reversal to the peak."""
     decay: float
-    """Seconds from the reversal until the magnitude stays, to the end of that half, below the base plus a tenth of
-    the peak's height above it; NaN if it does not."""
+    """Seconds from the reversal until the peak has decayed to a tenth of its height above ``base``.
+
+    From then to the end of the half, the magnitude of the error stays below this value. NaN if it does not decay.
+    """
     base: float
     """Median magnitude of the error between this reversal and the next."""
 
@@ -169,8 +173,9 @@ class ReversalPeak(NamedTuple):
 def reversal_peaks(time: Array, error: Array, reference: Array) -> list[ReversalPeak]:
     """Peaks of ``error`` after the reversals of ``reference``.
 
-    Only the first half of the way to the next reversal counts as after it; the second half leads up to the next. The
-    last reversal has no next one: it counts if as much time as the shortest way before it was recorded.
+    Only the first half of the time to the next reversal is used, because the second half leads up to the next reversal.
+    The last reversal counts only if the record goes on after it for at least the shortest time between two reversals.
+    Empty for less than two reversals. Raises DescriptionError if a sample is not finite.
     """
     _need_finite(error)
     times = reversal_times(time, reference)
@@ -201,7 +206,7 @@ def reversal_peaks(time: Array, error: Array, reference: Array) -> list[Reversal
 
 
 def sine_amplitude(time: Array, signal: Array, frequency: float) -> float:
-    """Amplitude of the component at ``frequency`` Hz (least squares with a constant), over the given samples."""
+    """Amplitude of the component at ``frequency`` Hz: least-squares fit of sine, cosine and a constant."""
     _need(time, 3)
     if not np.all(np.isfinite(signal)):
         return math.nan
@@ -215,12 +220,12 @@ def sine_amplitude(time: Array, signal: Array, frequency: float) -> float:
 
 
 def contour_error(x: Array, y: Array, x_ref: Array, y_ref: Array) -> Array:
-    """Distance of each point from the reference path, one value a sample, positive on the left of the path's motion.
+    """Distance of each sample from the reference path, positive on the left of the direction of motion.
 
-    The path is the polygon through the reference points: off a curve of radius R by at most (v*T)**2/(8*R) for points
-    v*T apart. The nearest point is looked for along the path from the commanded point of the same sample, so a path
-    may cross itself. Beyond the path's ends the distance is that from its end.
-    Raises DescriptionError if the reference does not move.
+    The path is the polygon through the reference points. For points at a distance v*T on a curve of radius R, it is off
+    the curve by at most (v*T)**2/(8*R). The search for the nearest point of the path begins at the reference point of
+    the same sample. Therefore a path may cross itself. Beyond an end of the path, the distance is from this end.
+    Raises DescriptionError if the reference does not move, or if a sample is not finite.
     """
     _need_finite(x, y, x_ref, y_ref)
     moves = np.concatenate(([True], (np.diff(x_ref) != 0.0) | (np.diff(y_ref) != 0.0)))
@@ -231,7 +236,7 @@ def contour_error(x: Array, y: Array, x_ref: Array, y_ref: Array) -> Array:
     squares = np.einsum("ij,ij->i", steps, steps)
 
     def seen(which: NDArray[np.intp], piece: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Place along a piece of the path, 0 to 1 on it, and squared distance from it, of some points."""
+        """For some points, the place along a piece of the path (0 to 1 on it) and the squared distance from it."""
         offset = points[which] - begins[piece]
         along = np.einsum("ij,ij->i", offset, steps[piece]) / squares[piece]
         off = offset - np.clip(along, 0.0, 1.0)[:, np.newaxis] * steps[piece]
@@ -242,7 +247,8 @@ def contour_error(x: Array, y: Array, x_ref: Array, y_ref: Array) -> Array:
     active = np.arange(x.size)
     along, square = seen(active, nearest)
     while active.size:
-        # As far as the piece, prolonged, says; if that is not nearer, to the next piece. Every move comes nearer.
+        # ``place`` on the extended piece says how many pieces to move. If this is not nearer, try the neighbouring
+        # piece. Only moves to a nearer piece are made, so the search ends.
         here, place = nearest[active], along[active]
         far = np.clip(here + np.floor(place).astype(np.intp), 0, last)
         close = np.clip(here + np.where(place > 1.0, 1, np.where(place < 0.0, -1, 0)), 0, last)
@@ -260,15 +266,15 @@ def contour_error(x: Array, y: Array, x_ref: Array, y_ref: Array) -> Array:
 
 
 def radial_deviation(x: Array, y: Array, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
-    """Distance from ``centre`` minus ``radius``, one value a sample: what a double ball bar shows (F of ISO 230-4)."""
+    """Distance of each sample from ``centre`` minus ``radius``, as a double ball bar shows it (F of ISO 230-4)."""
     return np.hypot(x - centre[0], y - centre[1]) - radius
 
 
 def least_squares_circle(x: Array, y: Array) -> tuple[float, float, float]:
     """Centre x, y and radius of the circle with the least sum of squared radial distances.
 
-    Gauss-Newton from the algebraic fit; six steps end far below rounding for a path near a circle.
-    Raises DescriptionError for fewer than three samples.
+    Gauss-Newton iteration from the algebraic fit. For a path near a circle, six steps converge to rounding errors.
+    Raises DescriptionError for fewer than three samples, or if a sample is not finite.
     """
     _need(x, 3)
     _need_finite(x, y)
@@ -296,9 +302,10 @@ def circular_deviation(x: Array, y: Array) -> float:
 def circular_hysteresis(
     angle_one: Array, deviation_one: Array, angle_other: Array, deviation_other: Array, steps: int = 1800
 ) -> float:
-    """H of ISO 230-4: largest difference of the radial deviations of two turns in opposite senses.
+    """H of ISO 230-4: largest difference of the radial deviations of two turns in opposite directions.
 
-    Angles in rad in the plane, each turn complete and in either order; compared at ``steps`` equal angles.
+    Angles in rad are the directions in the plane. Each turn must be complete; its samples may have either order. Both
+    turns are interpolated at ``steps`` equally spaced angles.
     """
     grid = np.linspace(0.0, 2.0 * math.pi, steps, endpoint=False, dtype=np.float64)
     difference = resample_turn(angle_one, deviation_one, grid) - resample_turn(angle_other, deviation_other, grid)
@@ -306,7 +313,7 @@ def circular_hysteresis(
 
 
 def resample_turn(angle: Array, deviation: Array, grid: Array) -> Array:
-    """``deviation`` interpolated at the angles ``grid`` (rad), continued over the ends of the turn."""
+    """``deviation`` of one turn, interpolated at the angles ``grid`` in rad; the turn is taken as periodic."""
     return np.interp(grid, np.mod(angle, 2.0 * math.pi), deviation, period=2.0 * math.pi)
 
 
@@ -322,10 +329,11 @@ def _sector(angle: Array, axis: float, low: float, high: float) -> tuple[Array, 
 
 
 def quadrant_spikes(angle: Array, deviation: Array) -> tuple[float, float, float, float]:
-    """Reversal spikes after 0, 90, 180, 270 deg: the radial deviation farthest from the turn's median, minus it.
+    """Reversal spikes after 0, 90, 180 and 270 deg: the largest difference of the radial deviation from its median.
 
-    ``angle`` in rad, growing along the motion (give the angle travelled, so that both senses read alike). Each spike
-    is looked for from 2 deg before to 15 deg after its axis.
+    Spikes are signed: radial deviation minus median of the turn. ``angle`` in rad must increase along the motion: give
+    the angle travelled, so that both directions are treated the same. Each spike is looked for from 2 deg before to
+    15 deg after its axis. Raises DescriptionError if there is no sample in this range.
     """
     median = float(np.median(deviation))
     spikes: list[float] = []
@@ -337,11 +345,12 @@ def quadrant_spikes(angle: Array, deviation: Array) -> tuple[float, float, float
 
 
 def reversal_values(angle: Array, deviation: Array) -> tuple[float, float, float, float]:
-    """Steps of the radial deviation at 0, 90, 180, 270 deg, which lost motion of the reversing axis leaves behind.
+    """Steps of the radial deviation at 0, 90, 180 and 270 deg. Lost motion of the reversing axis causes such steps.
 
-    The error of each axis enters the deviation with the cosine or sine of the angle, so a*cos + b*sin is fitted 33 to
-    15 deg before and after the axis and compared on it: neither a spike nor a centre offset counts. ``angle`` in rad,
-    growing along the motion.
+    The error of each axis enters the deviation with the cosine or sine of the angle. Therefore a*cos + b*sin is fitted
+    from 33 to 15 deg before the axis, and from 15 to 33 deg after it. The step is the difference of both fits on the
+    axis. Neither a spike nor a centre offset changes it. ``angle`` in rad must increase along the motion.
+    Raises DescriptionError if there is no sample in one of these ranges.
     """
     steps: list[float] = []
     for axis in QUADRANTS:
@@ -370,16 +379,16 @@ class CircularTest(NamedTuple):
     reversals: tuple[float, float, float, float]
     """``reversal_values`` at 0, 90, 180, 270 deg."""
     angle: Array
-    """Commanded angle travelled, rad, from the turn's begin."""
+    """Commanded angle travelled since the beginning of the turn, in rad."""
     deviation: Array
-    """Radial deviation, one value a sample."""
+    """Radial deviation, one value for each sample."""
 
 
 def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: float, turn: int = 2) -> CircularTest:
     """The figures of a turn (1 is the first) of a path commanded as a circle of ``radius`` about the origin.
 
-    The angle is that of the commanded point and counts from its first sample's axis, growing along the motion.
-    Raises DescriptionError if the path has not that many turns.
+    The angle is the angle of the commanded point. It is 0 at the first sample and increases along the motion.
+    Raises DescriptionError if the path has fewer turns, or if a sample is not finite.
     """
     _need_finite(x, y, x_ref, y_ref)
     angle = np.unwrap(np.arctan2(y_ref, x_ref))

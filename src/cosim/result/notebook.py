@@ -1,4 +1,4 @@
-"""How a notebook shows a result."""
+"""The view of a result in a notebook."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from .report import environment
 from .summary import Recorded, summary
 
 MOST_SIGNALS = 20
-"""Signals that are listed."""
+"""Largest number of signals in the list."""
 
 
 class Shown(Recorded, Protocol):
-    """What is needed of a result."""
+    """The part of a Result that the view needs."""
 
     @property
     def columns(self) -> Sequence[Column]: ...
@@ -24,7 +24,7 @@ class Shown(Recorded, Protocol):
 
 
 def result_html(result: Shown) -> str:
-    """Figures of merit and the signals with unit and range."""
+    """A result as HTML: its figures of merit, and its signals with unit and range."""
     facts = result.metadata
     signals: list[dict[str, Any]] = []
     for column in result.columns[:MOST_SIGNALS]:

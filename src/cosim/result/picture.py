@@ -15,7 +15,7 @@ from .plots import Panel, Series, check_format, panels_drawing, rendered, run_pa
 from .summary import Loop, Recorded, loops
 
 MOST_PANELS = 8
-"""Signals that are drawn if none are named: more do not fit on a page."""
+"""Largest number of signals that are drawn if none are named. More do not fit on a page."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Picture:
         return self._content[ending]
 
     def save(self, path: str | Path) -> Path:
-        """Write the picture. Raises DescriptionError for an ending that no picture has, FileError."""
+        """Write the picture. Raises DescriptionError for an unknown ending, FileError if it cannot be written."""
         path = Path(path)
         check_format(path)
         return write_file(path, self.content(path.suffix.lower()[1:]))
@@ -49,13 +49,17 @@ def plot(
     signals: Mapping[str, str] | Sequence[str] | None = None,
     labels: Sequence[str] | None = None,
 ) -> Picture:
-    """Draw runs and records: one panel a signal, one line a source; written to ``path`` if it is given.
+    """Draw runs and records: one panel for each signal, with one line for each source.
 
-    ``signals``: names, or ``{name: other}`` where sources that lack a name call it otherwise. Without any, a run alone
-    is drawn by its loops, several sources by the signals that at least two of them have. Where a loop's reference and
-    position are drawn, so is its error. Values are in the units of the first source that has them. ``labels`` of the
-    sources: by default the system with the start values in which runs differ, or the name of the file.
-    Raises DescriptionError for names that nobody has and units that do not convert.
+    ``path``: the file to write, if any.
+    ``signals``: names, or ``{name: other}`` if some sources have the signal under the name ``other``. By default, a
+    single run is drawn with its loops; several sources are drawn with the signals that at least two of them have.
+    ``labels``: one for each source. Default for a run: its system, and the start values in which the runs differ.
+    Default for a record: the name of its file.
+
+    If the reference and the position of a loop are drawn, its error is drawn, too. Values are in the unit of the first
+    source that has the signal. Raises DescriptionError for names that no source has, and for units that do not convert;
+    FileError if the file cannot be written.
     """
     given = list(sources) if isinstance(sources, Sequence) else [sources]
     if not given:
@@ -74,7 +78,7 @@ def plot(
 
 
 def source_labels(sources: Sequence[Recorded | Record]) -> list[str]:
-    """A name for each source: runs of one system have the start values in which they differ."""
+    """A label for each source. Labels of runs of one system include the start values in which the runs differ."""
     values = [_start_values(source) for source in sources]
     names: list[str] = []
     for source, own in zip(sources, values, strict=True):
@@ -140,11 +144,11 @@ def _count(sides: Sequence[Side], name: str) -> int:
 
 
 def _signal(sides: Sequence[Side], name: str, other: str) -> list[Side | None]:
-    """A signal of each side under ``name`` in the unit of the first that has it; None for a side without it."""
+    """A signal of each side under ``name``, in the unit of the first side that has it. None for a side without it."""
     own = [name if name in side.values else other for side in sides]
     first = next((i for i, side in enumerate(sides) if own[i] in side.values), None)
     if first is None:
-        sides[0].named(name)  # raises, and says what it might be
+        sides[0].named(name)  # raises DescriptionError
         return []
     reference = Side(
         "", sides[first].time, {name: sides[first].values[own[first]]}, {name: sides[first].units[own[first]]}
@@ -156,7 +160,7 @@ def _signal(sides: Sequence[Side], name: str, other: str) -> list[Side | None]:
 
 
 def _error_panel(loop: Loop, references: Sequence[Side | None], positions: Sequence[Side | None]) -> Panel:
-    """The tracking errors of a loop, of each side that has its reference and position."""
+    """A panel with the tracking error of a loop, for each side that has its reference and position."""
     lines: list[Series] = []
     unit = "1"
     for i, (reference, position) in enumerate(zip(references, positions, strict=True)):

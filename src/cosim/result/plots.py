@@ -1,8 +1,8 @@
-"""Pictures of recorded signals, written as PNG (or what the file's ending says) without a display.
+"""Pictures of recorded signals, without a display, as PNG or another format (by the ending of the file).
 
-Values come in SI; axes are labelled in the display unit that suits their size. Colours are those of Okabe and Ito,
-which colour-blind readers tell apart, in a fixed order: give the same thing the same place in every picture.
-Long signals are drawn as their envelope, so no peak is lost. matplotlib is loaded when the first picture is drawn.
+Values are in SI units. Each axis has a display unit that suits the size of its values. The colours are those of Okabe
+and Ito, which colour-blind readers can tell apart, in a fixed order: give the same thing the same place in every
+picture. Long signals are drawn as their envelope, so no peak is lost. matplotlib is loaded with the first picture.
 """
 
 # matplotlib leaves the types of its keyword arguments open:
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
 
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
-"""Line colours in order (Okabe and Ito 2008, yellow left out: it is pale on white)."""
+"""Line colours in order (Okabe and Ito 2008). Yellow is left out because it is pale on white."""
 
 
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".eps")
-"""Endings of pictures."""
+"""Allowed endings of picture files."""
 
 
 POINTS = 4000
-"""A signal with more samples is drawn as the envelope over this many columns."""
+"""Number of columns of the envelope of a long signal. A signal with more than twice as many samples is long."""
 
 
 _DISPLAY = {
@@ -55,7 +55,7 @@ _DISPLAY = {
 
 
 _NO_DATE: Mapping[str, dict[str, None]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-"""Metadata by the ending of the file. With it and the salt, the same picture has the same bytes."""
+"""Metadata by the ending of the file: no date. With the fixed salt below, equal pictures have equal bytes."""
 _STYLE: dict[str, Any] = {
     "svg.hashsalt": "cosim",
     "font.size": 9.0,
@@ -83,7 +83,7 @@ class Series:
     x: Array
     y: Array
     colour: int | None = None
-    """Place in ``COLOURS``; that of the line in its panel if not given."""
+    """Index in ``COLOURS``; by default the index of the line in its panel."""
     dashed: bool = False
 
 
@@ -96,16 +96,16 @@ class Panel:
     series: tuple[Series, ...]
     log: bool = False
     limit: float | None = None
-    """The axis ends at plus and minus this; what is cut off is told above the panel."""
+    """The axis ends at plus and minus this value. If lines are cut off, a note above the panel says so."""
     heading: str = ""
-    """Said above the panel, on the left."""
+    """Text above the panel, on the left."""
 
 
 def display_unit(unit: str, peak: float) -> tuple[str, float]:
-    """Unit to show values of SI ``unit`` up to ``peak`` in, and the factor to it.
+    """The display unit for values in the SI ``unit`` up to ``peak``, and the factor to it.
 
-    The largest unit of all if the peak is 1 or more in it, else the largest with a peak of at least 0.1; a unit
-    without smaller ones is kept.
+    The largest display unit is taken if the peak is at least 1 in it. Otherwise, the largest smaller unit is taken in
+    which the peak is at least 0.1. A unit without display units is kept.
     """
     if unit not in _DISPLAY:
         return unit, 1.0
@@ -120,17 +120,18 @@ def display_unit(unit: str, peak: float) -> tuple[str, float]:
 
 
 def typeset(unit: str) -> str:
-    """A unit as it stands in a picture: ``N.m`` as N·m, ``m/s2`` as m/s², ``um`` as µm."""
+    """A unit as it is written in a picture: ``N.m`` as N·m, ``m/s2`` as m/s², ``um`` as µm."""
     unit = re.sub(r"(?<=[a-z)])(\d+\.\d+)", lambda match: "^" + match.group(1).replace(".", ","), unit, flags=re.I)
     unit = re.sub(r"(?<=[a-z)])([23])", lambda match: "²³"[int(match.group(1)) - 2], unit, flags=re.I)
     return re.sub(r"\bu(?=m\b|s\b|N\b|rad\b)", "µ", unit.replace(".", "·")).replace(",", ".")
 
 
 def envelope(x: Array, y: Array, columns: int = POINTS) -> tuple[Array, Array]:
-    """At most 2 * ``columns`` points with the smallest and largest ``y`` of each of as many equal runs of samples.
+    """The envelope of a signal: the smallest and the largest ``y`` of each of at most ``columns`` groups of samples.
 
-    Both extremes keep their place and order in ``x``; shorter signals come back unchanged. Samples that are not finite
-    count only in a run without others, which stays a gap then.
+    All groups but the last have the same number of samples. Both extremes keep their ``x`` and their order. A signal
+    with at most 2 * ``columns`` samples is returned unchanged. Samples that are not finite are ignored, unless a group
+    has no others; this group is then drawn as a gap.
     """
     if x.size <= 2 * columns:
         return x, y
@@ -149,9 +150,9 @@ def envelope(x: Array, y: Array, columns: int = POINTS) -> tuple[Array, Array]:
 
 
 def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) -> None:
-    """Write the picture that ``draw`` makes, ``size`` in inches, whole or not at all.
+    """Write the picture that ``draw`` makes, whole or not at all; ``size`` in inches.
 
-    Raises DescriptionError for another ending than PICTURES, FileError if it cannot be written.
+    Raises DescriptionError for another ending than those in PICTURES, FileError if the file cannot be written.
     """
     check_format(path)
     content = rendered(draw, size, path.suffix.lower()[1:])
@@ -159,7 +160,7 @@ def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) 
 
 
 def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: str = "png") -> bytes:
-    """The picture that ``draw`` makes, ``size`` in inches, as the content of a file of that ending."""
+    """The picture that ``draw`` makes, as the content of a file with this ending; ``size`` in inches."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -174,13 +175,13 @@ def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: 
 
 
 def check_format(path: Path) -> None:
-    """Raise DescriptionError unless ``path`` ends as a picture can."""
+    """Raise DescriptionError if the ending of ``path`` is not in PICTURES."""
     if path.suffix.lower() not in PICTURES:
         raise DescriptionError(f"{path}: the name of a picture must end in {', '.join(PICTURES)}.")
 
 
 def check_picture(path: Path) -> None:
-    """Raise DescriptionError unless a picture can be written as ``path`` says."""
+    """Raise DescriptionError if a picture cannot be written to ``path``."""
     check_format(path)
     check_writable(path)
 
@@ -229,9 +230,10 @@ def plot_panels(
     x_quantity: str = "Time",
     x_unit: str = "s",
 ) -> None:
-    """Panels under each other (row by row if there are more ``columns``), all over the same quantity.
+    """Write a picture of panels below each other (row by row if there are several ``columns``), over a common x axis.
 
-    A panel of one line carries the line's label as its title, one of several lines a legend.
+    A panel with one line has the line's label as its title; a panel with several lines has a legend. ``x_unit`` is an
+    SI unit. Raises DescriptionError without panels or for an unknown ending, FileError if the file cannot be written.
     """
     if not panels:
         raise DescriptionError(f"picture {path}: nothing to draw.")
@@ -242,7 +244,7 @@ def plot_panels(
 def panels_drawing(
     panels: Sequence[Panel], *, title: str = "", columns: int = 1, x_quantity: str = "Time", x_unit: str = "s"
 ) -> tuple[Callable[[Figure], None], tuple[float, float]]:
-    """What draws panels, see ``plot_panels``, and the size of the picture in inches."""
+    """The function that draws panels (see ``plot_panels``), and the size of the picture in inches."""
     rows = math.ceil(len(panels) / columns)
 
     def draw(figure: Figure) -> None:
@@ -266,14 +268,15 @@ def panels_drawing(
 
 
 def plot_run(result: Recorded, path: Path) -> None:
-    """Draw what a run did, as ``run_panels`` says."""
+    """Write a picture of a run with the panels of ``run_panels``. Raises DescriptionError or FileError."""
     plot_panels(path, run_panels(result))
 
 
 def run_panels(result: Recorded) -> list[Panel]:
-    """What a run did: reference and position, error and command of every loop; without a loop, all of the record.
+    """The panels of a run: reference and position, error and command of every loop. Without a loop, all signals.
 
-    The error's axis suits the second half of the run: a start that goes far beyond it is cut off, and said to be.
+    The axis of the error fits the second half of the run. If the error at the start is much larger, it is cut off, and
+    a note says so.
     """
     panels: list[Panel] = []
     found = loops(result)
@@ -321,7 +324,7 @@ def run_panels(result: Recorded) -> list[Panel]:
 
 
 def signal_panels(result: Recorded, names: Sequence[str], most: int | None = None) -> list[Panel]:
-    """Signals over time, those of one unit in one panel, or in several with at most ``most`` lines."""
+    """Signals over time. Signals of one unit share a panel, or several panels with at most ``most`` lines each."""
     panels: list[Panel] = []
     for unit in dict.fromkeys(result.unit(name) for name in names):
         members = tuple(Series(name, result.time, result[name]) for name in names if result.unit(name) == unit)
@@ -331,7 +334,7 @@ def signal_panels(result: Recorded, names: Sequence[str], most: int | None = Non
 
 
 def plot_errors(path: Path, errors: Mapping[str, tuple[Array, Array]], *, title: str = "", unit: str = "m") -> None:
-    """The errors of several runs, label -> (time, error), one panel each over the same time axis."""
+    """Draw the errors of several runs, label -> (time in s, error), in one panel each over the same time axis."""
     panels = [
         Panel("Error", unit, (Series(label, time, error, i),))
         for i, (label, (time, error)) in enumerate(errors.items())
@@ -347,7 +350,7 @@ def plot_phase_plane(
     y: tuple[str, str] = ("Error rate", "m/s"),
     title: str = "",
 ) -> None:
-    """Trajectories of one quantity over another, (name, SI unit) each; a dot marks where each line ends."""
+    """Draw trajectories of ``y`` over ``x``, which are (name, SI unit). A dot marks the end of each line."""
     x_unit, x_factor = display_unit(x[1], largest([line.x for line in series]))
     y_unit, y_factor = display_unit(y[1], largest([line.y for line in series]))
 
@@ -376,13 +379,13 @@ def plot_phase_plane(
 
 @dataclass(frozen=True)
 class Polar:
-    """One double-ball-bar picture: radial deviations in m over the commanded angle in rad, circle of ``radius`` m."""
+    """A double-ball-bar picture: radial deviations in m over the commanded angle in rad; ``radius`` in m."""
 
     title: str
     radius: float
     series: tuple[Series, ...]
     magnification: float | None = None
-    """How many times larger deviations are drawn than the radius; None chooses 1, 2 or 5 times a power of ten."""
+    """Scale of the deviations relative to the scale of the radius. None: 1, 2 or 5 times a power of ten is chosen."""
 
 
 def magnification(radius: float, deviation: float) -> float:
@@ -395,9 +398,9 @@ def magnification(radius: float, deviation: float) -> float:
 
 
 def plot_polar(path: Path, plots: Sequence[Polar], *, title: str = "") -> None:
-    """Polar error plots side by side: a point is drawn at radius + magnification*deviation in its commanded direction.
+    """Draw polar error plots side by side. A point is at radius + magnification*deviation in its commanded direction.
 
-    The heavy circle is the commanded path; the rings are labelled with the deviation they stand for.
+    The heavy circle is the commanded path. The rings are labelled with their deviation.
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -1,4 +1,4 @@
-"""The result of a run, read back from the file that it was written to."""
+"""Reads the result of a run back from its file."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ TIME = "time"
 def read_result(path: str | Path) -> Result:
     """The result of a run from the .csv or .parquet file that ``Result.save`` or ``cosim run --output`` wrote.
 
-    Units, texts, display units, messages and metadata are those of the run; for CSV they stand in the file beside it,
-    and a file without one has units of "1" and no metadata. Values that are not finite stay so.
-    Raises DescriptionError for a file that is not readable, or without a first column ``time``; ``cosim.read_record``
-    reads records of all kinds.
+    The result has the units, descriptions, display units, messages and metadata of the run. For a CSV file they are in
+    a second file beside it. Without this file, all units are "1" and there are no metadata. Values that are not finite
+    are kept.
+    Raises DescriptionError for a file that is not readable, or whose first column is not ``time``. Use
+    ``cosim.read_record`` for other records.
     """
     path = Path(path)
     table = open_table(path)
@@ -52,7 +53,7 @@ def read_result(path: str | Path) -> Result:
 
 
 def _numbers(path: Path, table: Table) -> Any:
-    """All values of a table. Raises DescriptionError for cells that hold no number."""
+    """All values of a table, shape (rows, columns). Raises DescriptionError for cells that hold no number."""
     values = table.values(range(len(table.labels)))
     wrong = [
         f"{path}: {table.place(row)}, column {table.labels[column]}: {table.wrong(row, column)}"
@@ -67,6 +68,6 @@ def _numbers(path: Path, table: Table) -> Any:
 def holds_result(path: Path) -> bool:
     """Whether a file was written by a run, with its metadata.
 
-    Raises DescriptionError for a CSV file that has changed since.
+    Raises DescriptionError for a CSV file that was changed after the run.
     """
     return "system_digest" in file_metadata(path)

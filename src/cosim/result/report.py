@@ -1,8 +1,8 @@
-"""A page that shows what came out: sections of tables, texts, drawings and charts that can be zoomed, in one HTML file.
+"""A report page: sections of tables, texts, drawings and charts that can be zoomed, in one HTML file.
 
-The page holds everything that it needs, plotly.js included (extra ``report``), and its content security policy keeps a
-browser from loading anything. It has at most ``MAX_BYTES``: long signals are drawn as their envelope, smallest and
-largest sample of each run of samples, over as many columns as there is room for. So no peak is lost.
+The page contains all that it needs, including plotly.js (extra ``report``). Its content security policy keeps a browser
+from loading anything else. It has at most ``MAX_BYTES``. Long signals are drawn as their envelope: the smallest and the
+largest sample of each group of samples. The groups are as small as the size of the page allows. No peak is lost.
 """
 
 from __future__ import annotations
@@ -29,9 +29,12 @@ from .plots import COLOURS, Panel, display_unit, envelope, largest, typeset
 
 ENDINGS = (".html", ".htm")
 MAX_BYTES = 6_000_000
-"""Largest size of a page: mail programs and issue trackers take it. plotly.js is 4.8 MB of it."""
+"""Largest size of a page in bytes. Mail programs and issue trackers accept this size. plotly.js takes 4.8 MB of it."""
 MOST_COLUMNS, LEAST_COLUMNS = 20_000, 100
-"""Columns of the envelope of a long signal: more are slow to draw, fewer show no shape."""
+"""Largest and smallest number of columns of the envelope of a long signal.
+
+More columns are slow to draw. Fewer columns do not show the shape of the signal.
+"""
 DARK_COLOURS = ("#56A8DC", "#F0803C", "#2BC493", "#E39CC2", "#E69F00", "#8CCDF2", "#F2F2F2", "#A0A0A0")
 """The colours of pictures for a dark page, in the same order."""
 
@@ -47,14 +50,14 @@ class Text:
 
 @dataclass(frozen=True)
 class Notes:
-    """Remarks, one each."""
+    """A list of remarks."""
 
     notes: Sequence[str]
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of texts and numbers. Numbers stand on the right, one that is not finite as ``none``."""
+    """Rows of texts and numbers. Numbers are aligned to the right; a number that is not finite is shown as ``none``."""
 
     rows: Sequence[Sequence[Cell]]
     headings: Sequence[str] = ()
@@ -63,7 +66,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A drawing as SVG markup, such as ``diagram.draw`` gives, and what it shows."""
+    """A drawing as SVG markup, for example from ``diagram.draw``, and its caption."""
 
     svg: str
     caption: str = ""
@@ -71,7 +74,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels under each other over one quantity; they are zoomed together. ``log_x``: that axis is logarithmic."""
+    """Panels below each other over a common x axis; they are zoomed together. ``log_x``: the x axis is logarithmic."""
 
     panels: Sequence[Panel]
     caption: str = ""
@@ -85,14 +88,14 @@ Part = Text | Notes | Table | Drawing | Chart
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands below it."""
+    """A heading and the parts below it."""
 
     title: str
     parts: Sequence[Part]
 
 
 def check_report(path: Path) -> None:
-    """Raise DescriptionError unless a page can be written as ``path`` says."""
+    """Check that a page can be written to ``path``. Raises DescriptionError if it cannot, or if plotly is missing."""
     if path.suffix.lower() not in ENDINGS:
         raise DescriptionError(f"{path}: the name of a report must end in {' or '.join(ENDINGS)}.")
     if find_spec("plotly") is None:
@@ -118,7 +121,7 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], *, s
 
 
 def environment() -> Environment:
-    """Where the templates of this room are."""
+    """The jinja2 environment with the templates of this package."""
     found = Environment(
         loader=PackageLoader("cosim.result"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -151,7 +154,7 @@ def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequ
         subtitle=subtitle,
         sections=blocks,
         maker=maker,
-        # Chosen here and by plotly: no text of a user comes into the scripts but as JSON.
+        # These scripts come from here and from plotly. Text of a user enters scripts only as JSON.
         plotly=Markup(script.replace("</script", "<\\/script")),
         code=Markup(templates.loader.get_source(templates, "report.js")[0] if templates.loader else ""),
         colours=Markup(_json({"light": COLOURS, "dark": DARK_COLOURS})),
@@ -167,7 +170,10 @@ def _number(value: float) -> str:
 
 
 def _charts_within(charts: Sequence[Chart], room: int) -> list[str]:
-    """The charts as JSON with as many columns as fit into ``room`` bytes, within the bounds of columns."""
+    """The charts as JSON, with as many columns as fit into ``room`` bytes.
+
+    The number of columns is between ``LEAST_COLUMNS`` and ``MOST_COLUMNS``.
+    """
     columns = MOST_COLUMNS
     while True:
         content = [_json(_chart(chart, columns)) for chart in charts]
@@ -215,11 +221,11 @@ def _labelled(quantity: str, unit: str) -> str:
 
 
 def _packed(values: Array) -> str:
-    """Numbers as base64 of 8 bytes each, little-endian; what is not finite is a gap."""
+    """Numbers as base64, 8 bytes each, little-endian. Numbers that are not finite become NaN, drawn as a gap."""
     plain = np.where(np.isfinite(values), values, np.nan)
     return base64.b64encode(plain.astype("<f8").tobytes()).decode()
 
 
 def _json(content: Any) -> str:
-    """JSON that can stand in a script element."""
+    """JSON that is safe inside a script element."""
     return json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")

@@ -1,4 +1,4 @@
-"""What a run gives: time, recorded variables with units, messages, and where it all came from."""
+"""The result of a run: time, recorded variables with units, messages, and the origin of everything."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Message:
-    """A log message of an FMU, or of the master about it."""
+    """A log message of an FMU, or of the master about an FMU; ``time`` in s."""
 
     instance: str
     time: float
@@ -38,18 +38,19 @@ class Result:
     """The record of a run: ``result["plant.position"]`` is an array over ``result.time``, in ``result.unit(...)``."""
 
     time: NDArray[np.float64]
+    """Times of the recorded communication points in s."""
     rows: NDArray[np.float64]
-    """One row a recorded communication point, one column a variable."""
+    """Recorded values: one row for each communication point, one column for each variable."""
     columns: tuple[Column, ...]
     partial: bool
     """Whether the run ended before its stop time."""
     messages: tuple[Message, ...]
     dropped_messages: int
-    """Messages that came after so many that they were no longer kept."""
+    """Number of messages that were not kept because there were too many."""
     solver: Mapping[str, Mapping[str, float]]
-    """By instance, what its ``solver.*`` variables said at the end: steps, rejected, rhs_evaluations ..."""
+    """For each instance, the values of its ``solver.*`` variables at the end: steps, rejected, rhs_evaluations ..."""
     metadata: Mapping[str, Any]
-    """System, hash, versions, times in seconds: what a file keeps about the run."""
+    """Facts about the run that are written to its file: system, digest, versions, times in s ..."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,14 +67,14 @@ class Result:
         return self.rows[:, self.columns.index(self.column(name))]
 
     def column(self, name: str) -> Column:
-        """Unit and text of a recorded variable. Raises DescriptionError if it was not recorded."""
+        """Unit and description of a recorded variable. Raises DescriptionError if it was not recorded."""
         for column in self.columns:
             if column.name == name:
                 return column
         raise DescriptionError(f"'{name}' was not recorded.{suggest(name, self.names)}")
 
     def unit(self, name: str) -> str:
-        """The unit of a recorded variable, ``"1"`` if it has none."""
+        """The unit of a recorded variable; ``"1"`` if it has none. Raises DescriptionError if it was not recorded."""
         return self.column(name).unit
 
     def displayed(self, name: str) -> NDArray[np.float64]:
@@ -85,7 +86,7 @@ class Result:
         """A pandas DataFrame over time; ``attrs`` holds the units and the metadata.
 
         With ``units`` the columns are named ``plant.position [m]``, as ``cosim.read_record`` reads them from a file.
-        pandas is no dependency of this package: raises DescriptionError if it is not installed.
+        pandas is not a dependency of this package. Raises DescriptionError if it is not installed.
         """
         pandas = _optional("pandas", "to_dataframe")
         names = [f"{c.name} [{c.unit}]" if units and c.unit != "1" else c.name for c in self.columns]
@@ -98,7 +99,7 @@ class Result:
     def to_xarray(self) -> Any:
         """An xarray Dataset over ``time``; each variable has ``units`` and ``long_name``, ``attrs`` the metadata.
 
-        xarray is no dependency of this package: raises DescriptionError if it is not installed.
+        xarray is not a dependency of this package. Raises DescriptionError if it is not installed.
         """
         xarray = _optional("xarray", "to_xarray")
         variables = {
@@ -109,7 +110,7 @@ class Result:
         return xarray.Dataset(variables, coords={"time": time}, attrs=dict(self.metadata))
 
     def plot(self, path: str | Path | None = None, *, signals: Sequence[str] | None = None) -> Picture:
-        """A picture of the run: its loops, or the named ``signals``; a notebook shows it, ``path`` writes it.
+        """A picture of the run: its loops, or the named ``signals``. A notebook shows it. It is written to ``path``.
 
         Raises DescriptionError for names that were not recorded, FileError if the file cannot be written.
         """
@@ -123,9 +124,10 @@ class Result:
         return result_html(self)
 
     def save(self, path: str | Path) -> Path:
-        """Write ``path`` as .csv (comma, quoted names, time first, shortest digits that read back the same) or .parquet
-        (units with each column, metadata with the file; needs pyarrow): whole, or not at all.
+        """Write the result to ``path``, a .csv or .parquet file, whole or not at all.
 
+        CSV has commas, quoted names, time first, and the fewest digits that read back the same; a second file beside it
+        has units and metadata. Parquet contains units and metadata, and needs pyarrow.
         Raises DescriptionError for another ending, FileError if the file cannot be written.
         """
         path = Path(path)
@@ -135,7 +137,7 @@ class Result:
         return path
 
     def ending(self) -> dict[str, Any]:
-        """What is known when a run has ended, as the metadata of a file hold it."""
+        """The part of a file's metadata that is known only after the run."""
         return {
             "partial": self.partial,
             "solver": {instance: dict(counts) for instance, counts in self.solver.items()},
@@ -145,7 +147,7 @@ class Result:
 
 
 def _optional(package: str, method: str) -> Any:
-    """A package that may not be there. Raises DescriptionError."""
+    """Import an optional package. Raises DescriptionError if it is not installed."""
     try:
         return import_module(package)
     except ModuleNotFoundError:

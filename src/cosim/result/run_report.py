@@ -1,4 +1,4 @@
-"""The page of a run: figures, charts, the system with its start values, and where everything came from."""
+"""The page of a run: figures, charts, the system with its start values, and the origin of everything."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from .result import Result
 from .summary import Figure, loops, not_finite, summary
 
 MOST_SIGNALS = 32
-"""Signals drawn beside those of the loops: more make the page slow."""
+"""Largest number of signals drawn in addition to the signals of the loops. More make the page slow."""
 MAX_MESSAGES, MAX_ELEMENTS = 50, 6
-"""Messages of FMUs on the page, and elements of an array in a line: more are rarely read."""
+"""Largest number of messages on the page, and of array elements in a line. More are rarely read."""
 
 
 def report_run(result: Result, path: str | Path, *, notes: Sequence[str] = (), also: Sequence[Section] = ()) -> Path:
-    """Write the page of a run; ``notes`` stand on it beside those of the system, ``also`` behind the signals.
+    """Write the page of a run. ``notes`` are added to the notes of the system; ``also`` comes after the signals.
 
-    Raises DescriptionError for another ending than .html or if plotly is missing, FileError if it cannot be written.
+    Raises DescriptionError for another ending than .html or .htm or if plotly is missing, FileError if the file cannot
+    be written.
     """
     facts = result.metadata
     system = str(facts.get("system", "Run"))
@@ -34,7 +35,7 @@ def report_run(result: Result, path: str | Path, *, notes: Sequence[str] = (), a
 
 
 def run_sections(result: Result, *, notes: Sequence[str] = (), also: Sequence[Section] = ()) -> list[Section]:
-    """What there is to tell of a run; sections about what it does not know are empty."""
+    """The sections of the page of a run. A section without content has no parts."""
     return [
         Section("Notes", _notes(result, notes)),
         Section("Figures of merit", figure_parts(summary(result))),
@@ -49,7 +50,10 @@ def run_sections(result: Result, *, notes: Sequence[str] = (), also: Sequence[Se
 
 
 def _other_signals(result: Result) -> list[Part]:
-    """What was recorded beside the signals of the loops; nothing without loops, whose place all signals have then."""
+    """Charts of the recorded signals that belong to no loop.
+
+    Empty for a run without loops, because ``run_panels`` then draws all signals.
+    """
     found = loops(result)
     drawn = {name for loop in found for name in (loop.reference, loop.position, loop.command)}
     names = [name for name in result.names if name not in drawn]
@@ -61,7 +65,7 @@ def _other_signals(result: Result) -> list[Part]:
 
 
 def figure_parts(figures: Sequence[Figure]) -> list[Part]:
-    """The table of figures, each with its unit or why there is none."""
+    """The table of figures, each with its unit, or with the reason why it has no value."""
     rows: list[tuple[Cell, ...]] = [
         (row.name, "none", row.reason) if row.reason else (row.name, row.value, typeset(row.unit)) for row in figures
     ]
@@ -87,7 +91,7 @@ def system_parts(facts: Mapping[str, Any]) -> list[Part]:
 
 
 def _start_values(entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[Cell, ...]]:
-    """A row a variable; the elements of an array have one together."""
+    """The rows of a table: one for each variable, and one for all elements of an array."""
     arrays: dict[str, list[str]] = {}
     for name in entries:
         arrays.setdefault(name.partition("[")[0] if name.endswith("]") else name, []).append(name)
@@ -103,7 +107,7 @@ def _start_values(entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[Cell, 
 
 
 def _several(values: Sequence[Cell]) -> str:
-    """Values of an array: all if they are few or equal, else the smallest and the largest."""
+    """The values of an array as text: one value if all are equal, all values if they are few, else their range."""
     texts = [value if isinstance(value, str) else f"{value:.6g}" for value in values]
     if len(set(texts)) == 1:
         return f"all {texts[0]}"
@@ -142,7 +146,7 @@ def _end(end: Sequence[str]) -> tuple[str, str]:
 
 
 def _change(wire: Mapping[str, Any]) -> str:
-    """The factor of a connection, the unit behind it, and its noise, where they say something."""
+    """The text at the end of a wire: factor, target unit and noise, each only if it changes the value."""
     (before, after), factor = wire["units"], wire["factor"]
     said = [f"\N{MULTIPLICATION SIGN}{factor:.5g}"] if factor != 1.0 else []
     said += [typeset(after)] if after != before else []
@@ -159,7 +163,7 @@ def _solver(result: Result) -> list[Part]:
 
 
 def provenance(facts: Mapping[str, Any]) -> list[Part]:
-    """Digest, times, versions and FMUs of a run, from its metadata; nothing if it knows none."""
+    """Tables with digest, times, versions and FMUs of a run, from its metadata. Empty tables are left out."""
     order = facts.get("order", "")
     rows: list[tuple[Cell, ...]] = [
         (text, f"{facts[key]:.12g} {unit}".strip() if isinstance(facts[key], int | float) else str(facts[key]))

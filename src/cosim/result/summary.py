@@ -1,4 +1,4 @@
-"""The figures of merit of a run: which loops it has, and what is told of each."""
+"""The figures of merit of a run: finds its position loops and computes the figures of each."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from .metrics import (
 )
 
 RESTS = 0.01
-"""Share of the record for which a reference must not change at the end, so that a step is judged."""
+"""A step is judged only if its reference is constant at the end, for at least this fraction of the record."""
 
 
 # A recorded run.
 
 
 class Recorded(Protocol):
-    """What is needed of a run's result; ``cosim.result.result.Result`` is one."""
+    """The part of a result that figures need; ``cosim.result.result.Result`` has it."""
 
     @property
     def time(self) -> Array: ...
@@ -50,13 +50,13 @@ class Loop:
     """A position loop of a system: the names of its recorded signals."""
 
     name: str
-    """The controller's instance."""
+    """Name of the controller's instance."""
     reference: str
     position: str
     command: str
     """``""`` if it was not recorded."""
     scale: tuple[float, float] = (1.0, 0.0)
-    """Factor and offset from the unit of the reference to that of the position, as the connections have them."""
+    """Factor and offset from the unit of the reference to the unit of the position, from the connections."""
 
     def reference_values(self, result: Recorded) -> Array:
         """The reference in the unit of the position."""
@@ -72,16 +72,15 @@ class Loop:
 def loops(result: Recorded) -> list[Loop]:
     """The position loops of a run: every instance whose inputs ``position_ref`` and ``position`` are connected.
 
-    Their sources are the loop's reference and position, the instance's ``command`` is its command. A loop counts if
-    both signals were recorded in one unit, or in units that the connections transform. The connections are those in
-    the result's metadata, ``"source -> target"`` each; where they transform, the metadata's ``transformations`` have
-    factor and offset.
+    The sources of these inputs are the loop's reference and position. The instance's ``command`` is its command. Both
+    signals must be recorded, in the same unit or in units that the connections transform. The connections come from the
+    result's metadata: ``connections`` ("source -> target"), and ``transformations`` with factor and offset.
     """
     return [loop for loop, reason in _loops(result) if not reason]
 
 
 def _loops(result: Recorded) -> Iterator[tuple[Loop, str]]:
-    """Every position loop, and why it has no figures, ``""`` if it has."""
+    """Every position loop, and the reason why it has no figures; ``""`` if it has figures."""
     connections = cast("Sequence[str]", result.metadata.get("connections", ()))
     scales = cast("Mapping[str, Sequence[float]]", result.metadata.get("transformations", {}))
     recorded = set(result.names)
@@ -117,21 +116,24 @@ def _loops(result: Recorded) -> Iterator[tuple[Loop, str]]:
 
 
 def _ends(connection: str, recorded: set[str]) -> tuple[str, str]:
-    """Source and target of a connection. Names may hold an arrow: of several, the one behind a recorded name counts."""
+    """Source and target of a connection. Names may contain arrows; the right arrow follows a recorded name."""
     parts = connection.split(" -> ")
     splits = [(" -> ".join(parts[:i]), " -> ".join(parts[i:])) for i in range(1, len(parts))]
     return next((ends for ends in splits if ends[0] in recorded), splits[0])
 
 
 def _between(scale: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """From the unit of a reference to that of a position, where both are scaled to the unit of the controller."""
+    """Factor and offset from the unit of the reference to the unit of the position.
+
+    ``scale`` and ``other`` are the factors and offsets of both to the unit of the controller.
+    """
     if scale == other or other[0] == 0.0:
         return 1.0, 0.0
     return scale[0] / other[0], (scale[1] - other[1]) / other[0]
 
 
 class FigureOfMerit(NamedTuple):
-    """One line of a table of figures."""
+    """A figure: one line of a table."""
 
     name: str
     value: float
@@ -139,25 +141,25 @@ class FigureOfMerit(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Empty: there is a figure."""
+        """Always empty: the figure has a value."""
         return ""
 
 
 class Missing(NamedTuple):
-    """One line of a table of figures for which there is no value."""
+    """A figure without a value: one line of a table."""
 
     name: str
     reason: str
-    """Why there is none."""
+    """The reason why there is no value."""
 
     @property
     def value(self) -> float:
-        """NaN."""
+        """Always NaN."""
         return math.nan
 
     @property
     def unit(self) -> str:
-        """Empty: there is no value."""
+        """Always empty: there is no value."""
         return ""
 
 
@@ -165,12 +167,14 @@ Figure = FigureOfMerit | Missing
 
 
 def summary(result: Recorded, start: float | None = None) -> list[Figure]:
-    """The table that ends a run: tracking figures of every loop from ``start`` s on (the last half if not given).
+    """The figures of a run: tracking figures of every loop from ``start`` in s on (default: the second half).
 
-    Empty if the run has no loop. Lengths are in um, other positions in their own unit. If the reference rests
-    at the end, overshoot and settling into 2 % of its last step are told as well, counted from the reference's last
-    change; if two loops follow references of their own, the contour error, and on a circle about the origin the
-    circular test of its last whole turn. A figure that there is not has its reason.
+    Empty if the run has no loop. Lengths are in um, other positions in their own unit.
+    If the reference is constant at the end, there are also the overshoot and the settling time into 2 % of its last
+    step; settling counts from the last change of the reference.
+    If two loops have references of their own, there is also the contour error. On a circle about the origin there is
+    also the circular test of the last whole turn.
+    A figure without a value has the reason.
     """
     rows: list[Figure] = []
     found = list(_loops(result)) if result.time.size else []
@@ -185,7 +189,7 @@ def summary(result: Recorded, start: float | None = None) -> list[Figure]:
 
 
 def _figure(name: str, unit: str, compute: Callable[[], float]) -> Figure:
-    """A figure, or the reason why there is none."""
+    """The computed figure, or a Missing with the reason if ``compute`` raises DescriptionError."""
     try:
         return FigureOfMerit(name, compute(), unit)
     except DescriptionError as error:
@@ -193,7 +197,7 @@ def _figure(name: str, unit: str, compute: Callable[[], float]) -> Figure:
 
 
 def not_finite(result: Recorded) -> dict[str, float]:
-    """The recorded variables that are not finite everywhere, and the time from which each is not."""
+    """The recorded variables with samples that are not finite, and the time in s of the first such sample of each."""
     found: dict[str, float] = {}
     for name in result.names:
         wrong = np.flatnonzero(~np.isfinite(result[name]))
@@ -203,7 +207,7 @@ def not_finite(result: Recorded) -> dict[str, float]:
 
 
 def _length(unit: str) -> tuple[float, str]:
-    """Factor and unit in which positions are told: um for lengths, else their own."""
+    """Factor and unit in which positions are shown: um for lengths, else their own unit."""
     try:
         return conversion(unit, "um"), "um"
     except DescriptionError:
@@ -244,9 +248,9 @@ def _loop_rows(result: Recorded, loop: Loop, prefix: str, start: float | None) -
 
 
 def _step_rows(time: Array, reference: Array, position: Array, label: tuple[str, str]) -> list[Figure]:
-    """Overshoot and settling of the last step of the reference; nothing if it does not rest at the end.
+    """Overshoot and settling of the last step of the reference; empty if it is not constant at the end.
 
-    A smooth motion counts as one step: from where the reference last rested to where it rests at the end.
+    A smooth motion counts as one step. It goes from the last rest of the reference to its rest at the end.
     """
     prefix, unit = label
     last = float(reference[-1])
@@ -272,7 +276,7 @@ def _step_rows(time: Array, reference: Array, position: Array, label: tuple[str,
 
 
 def _contour_rows(result: Recorded, x: Loop, y: Loop, start: float | None) -> list[Figure]:
-    """The contour error of two axes; empty if the loops are not the two axes of a path."""
+    """The contour error of two axes. Empty if the loops are not the two axes of a path."""
     signals = {x.position, y.position, x.reference, y.reference}
     if len(signals) < 4 or result.unit(y.position) != result.unit(x.position) or signals & set(not_finite(result)):
         return []
@@ -295,7 +299,7 @@ def _contour_rows(result: Recorded, x: Loop, y: Loop, start: float | None) -> li
 
 
 def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Figure]:
-    """The circular test of the last whole turn; empty if the references do not go along a circle about the origin."""
+    """The circular test of the last whole turn. Empty if the references do not follow a circle about the origin."""
     if result.unit(y.position) != result.unit(x.position) or {x.position, y.position, x.reference, y.reference} & set(
         not_finite(result)
     ):
@@ -327,11 +331,12 @@ def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Figure]:
 
 
 def tracking(result: Recorded, interval: tuple[float, float]) -> dict[str, float]:
-    """Figures of every position loop over ``interval``; with several loops each name begins with its loop's.
+    """Figures of every position loop over ``interval`` (start and end in s).
 
-    error_max, error_rms, error_std, error_mean, error_end in the unit of the position (m, rad ...); command_max,
-    command_mean, command_end and command_tv (total variation a second) in the unit of the command. NaN where a signal
-    is not finite.
+    error_max, error_rms, error_std, error_mean and error_end are in the unit of the position (m, rad ...). command_max,
+    command_mean and command_end are in the unit of the command, command_tv (total variation) in this unit per second.
+    With several loops, each name begins with the name of its loop, as in ``controller_x.error_max``. A figure is NaN
+    if a signal is not finite. Raises DescriptionError if there is no sample in ``interval``.
     """
     part = window(result.time, *interval)
     time = result.time[part]

@@ -1,4 +1,4 @@
-"""Checks a document and reports all problems at once."""
+"""Checks the document of a system file and reports all problems at once."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ KEYS = ("description", "connections", "experiment", "instances", "signals", "rec
 
 
 class SystemFields(TypedDict):
-    """The fields of a System, as a check finds them."""
+    """The fields of a checked System."""
 
     name: str
     description: str
@@ -57,9 +57,11 @@ def checked_fields(
     problems: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> SystemFields:
-    """The fields of the System that a document describes; ``problems`` and ``notes`` are those known already.
+    """The fields of the System that a document describes.
 
-    Raises DescriptionError with every problem found.
+    ``name`` is the file that messages name, ``folder`` the folder where relative paths start, ``fmus`` the folder of
+    FMUs given by name. ``problems`` and ``notes`` were found before.
+    Raises DescriptionError with all problems, the earlier ones included.
     """
     findings = Findings(name, problems)
     findings.known_keys("", document, KEYS)
@@ -118,10 +120,10 @@ def checked_fields(
 def _signals_and_experiment(
     document: Mapping[str, Any], instances: Mapping[str, Instance], folder: Path, findings: Findings
 ) -> tuple[dict[str, SignalSource], ExperimentTimes]:
-    """The records of a document and its experiment, which a record may end."""
+    """The signals of a document and its experiment. The end of a record may set the stop time."""
     if "signals" not in document:
         return {}, read_experiment(document, findings)
-    from .signals import check_times, read_signals, record_ends  # needs numpy: only where there are records
+    from .signals import check_times, read_signals, record_ends  # imports NumPy: only for systems with records
 
     given = findings.table(document, "experiment")
     times = float(fraction(given.get("start_time", 0)) or 0.0), float(fraction(given.get("step_size")) or math.inf)
@@ -141,7 +143,10 @@ def _signals_and_experiment(
 def _units_of_inputs(
     signals: Mapping[str, SignalSource], connections: Sequence[Connection], ports: Mapping[str, Ports]
 ) -> dict[str, SignalSource]:
-    """The signals, a column without unit in that of the inputs that take its values as they are."""
+    """The signals, with units for columns that state none.
+
+    Such a column gets the unit of the inputs that take its values unchanged, if they all have the same unit.
+    """
     result = dict(signals)
     for name, signal in signals.items():
         variables = dict(signal.variables)

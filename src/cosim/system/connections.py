@@ -1,4 +1,4 @@
-"""The list ``connections``: its forms, and what the two ends must have in common."""
+"""The list ``connections``: reads its entries and checks that the two ends of a connection fit."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ KEYS = ("from", "to", "factor", "factors", "offset", "units", "noise")
 def read_connections(
     document: Mapping[str, Any], ports: Mapping[str, Ports], findings: Findings
 ) -> tuple[Connection, ...]:
-    """The connections of a document between the instances and signals that could be read; one an addend of a sum."""
+    """The connections of a document; a sum gives one connection for each addend.
+
+    Connections of an instance or a signal that could not be read are left out.
+    """
     value = document.get("connections", [])
     if isinstance(value, str) or not isinstance(value, Sequence):
         findings.problem("connections", 'must be a list, such as ["a.y -> b.u"].')
@@ -54,7 +57,7 @@ def read_connections(
 
 
 def _same_seeds(connections: Sequence[Connection], findings: Findings) -> None:
-    """Note noise that is the same on two inputs."""
+    """Note each seed that two inputs share: their noise is the same."""
     seeds: dict[int, Connection] = {}
     for connection in connections:
         if connection.noise is None:
@@ -115,7 +118,7 @@ def _connections(where: str, item: object, findings: Findings) -> list[Connectio
         return []
     result: list[Connection] = []
     for name, factor in zip(names, factors, strict=True):
-        # In a sum a sign converts nothing.
+        # In a sum, a factor of 1 or -1 is only a sign and does not convert units.
         given = abs(factor) != 1.0 if isinstance(start, list) else "factor" in table
         how = "converted" if units == "convert" else "given" if given else "suppressed" if units else "same"
         stated = factor, 0.0 if result else offset
@@ -138,7 +141,7 @@ def _finite(where: str, value: object, findings: Findings) -> float:
 
 
 def _factors(where: str, table: Mapping[str, Any], count: int, findings: Findings) -> list[float]:
-    """The factors of a sum, 1 where none are given."""
+    """The factors of a sum; all are 1 if none are given."""
     if "factor" in table:
         findings.problem(f"{where}, factor", "a sum has a factor for each source: write factors = [1.0, -1.0].")
     value = table.get("factors", [1] * count)
@@ -169,7 +172,10 @@ def _noise(where: str, value: object, findings: Findings) -> Noise | None:
 
 
 def _ends(where: str, text: str, findings: Findings) -> tuple[str, str] | None:
-    """The two ends of an arrow; names may have blanks, but an arrow in a name needs the other form."""
+    """The two ends of a connection written as an arrow; None if there was a problem.
+
+    Names may contain blanks. A name that contains an arrow needs the form with ``from`` and ``to``.
+    """
     parts = text.split("->")
     if len(parts) > 2:
         findings.problem(
@@ -190,7 +196,7 @@ def _ends(where: str, text: str, findings: Findings) -> tuple[str, str] | None:
 def _checked(
     connection: Connection, ports: Mapping[str, Ports], declared: Mapping[str, Any], findings: Findings
 ) -> Connection | None:
-    """The connection with its conversion, None if a problem was found or an instance could not be read."""
+    """The connection with its conversion of units; None if a problem was found or an instance could not be read."""
     where = f"connection {connection}"
     before = len(findings.problems)
     found: list[Variable] = []
@@ -246,7 +252,7 @@ def _items(variable: Variable) -> str:
 
 
 def _missing_derivative(port: Ports, variable: str) -> str:
-    """What to write for ``der(x)`` or ``der(x,2)`` of a record that has ``x``, "" for other names."""
+    """A hint for ``der(x)`` or ``der(x,2)``, if the record has the column ``x`` without derivatives; else ""."""
     match = re.fullmatch(r"der\((?P<name>.+?)(,(?P<order>\d))?\)", variable)
     if match is None or not isinstance(port, SignalSource) or match["name"] not in port.outputs:
         return ""
@@ -260,7 +266,7 @@ def _with_units(
     fmus: tuple[Ports, Ports],
     findings: Findings,
 ) -> Connection | None:
-    """The connection with the conversion of its units, where it asks for one; None if they do not fit."""
+    """The connection with its conversion of units, if it asks for one; None if the units do not fit."""
     if connection.units in ("given", "suppressed"):
         return connection
     unit, other = variables[0].unit, variables[1].unit
@@ -276,23 +282,26 @@ def _with_units(
 
 
 def is_same_unit(one: Ports, unit: str, other: Ports, other_unit: str) -> bool:
-    """Whether two units of two FMUs mean the same: by what the files state about them, else by their names."""
+    """Whether two units of two FMUs are the same. Their definitions decide; if one is not known, their names."""
     a, b = one.unit(unit), other.unit(other_unit)
     if a is None or b is None:
         return unit == other_unit
     if unit == other_unit and a.exponents[:-1] == b.exponents[:-1]:
-        # Files differ in whether an angle has a unit: rad/s is rad.s-1 in one and s-1 in the other.
+        # For some files rad is a base unit, for others it is 1: rad/s is rad.s-1 in one file and s-1 in the other.
         b = replace(b, exponents=a.exponents)
     return a.matches(b)
 
 
 def unit_conversion(unit: Unit | None, other: Unit | None) -> tuple[float, float] | None:
-    """Factor and offset from one unit to another; None if they are of different kinds or one is not known."""
+    """Factor and offset from ``unit`` to ``other``; None if they measure different quantities or one is unknown."""
     return None if unit is None or other is None else unit.conversion(other)
 
 
 def converted(connection: Connection, factor: float, offset: float) -> Connection:
-    """A connection whose values are converted first, then transformed as stated (SSP 1.0, LinearTransformation)."""
+    """The connection with a conversion of units by ``factor`` and ``offset``.
+
+    Values are converted first; then its own factor and offset act (SSP 1.0, LinearTransformation).
+    """
     stated_factor, stated_offset = connection.stated
     return replace(
         connection, units="converted", factor=stated_factor * factor, offset=stated_factor * offset + stated_offset
@@ -306,7 +315,7 @@ def _remedy(
     known: tuple[Unit | None, Unit | None],
     factors: tuple[float, float] | None,
 ) -> str:
-    """What to write in a connection so that it converts."""
+    """A sentence that says what to write so that a connection converts its units."""
     source, target = (".".join(end) for end in (connection.source, connection.target))
     if factors is not None:
         numbers = f"factor = {factors[0]!r}" + (f", offset = {factors[1]!r}" if factors[1] else "")

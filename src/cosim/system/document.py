@@ -1,4 +1,4 @@
-"""The document of a system file: loaded with the files it builds on, and changed by overrides."""
+"""The document of a system file: loads it together with its base files, and changes it by overrides."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from .values import decimal, flat_table
 
 
 def load_document(path: Path, parents: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """The document at ``path``, merged over the files it builds on. ``parents`` are the files that led here.
+    """The document of the file at ``path``, merged over its base file. ``parents`` are the files that have it as base.
 
-    Start values have their full names as keys. Raises DescriptionError.
+    Start values have full variable names as keys. Raises DescriptionError if a file cannot be read, or if the base
+    files form a circle.
     """
     document = read_toml(path)
     instances = document.get("instances")
@@ -32,7 +33,7 @@ def load_document(path: Path, parents: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def _moved(document: dict[str, Any], source: Path, target: Path) -> dict[str, Any]:
-    """A document of the folder ``source`` for one of ``target``: the files of its signals stay where they are."""
+    """A document from the folder ``source``, changed so that its signals name the same files from ``target``."""
     signals = document.get("signals")
     if source.resolve() == target.resolve() or not isinstance(signals, Mapping):
         return document
@@ -63,7 +64,10 @@ def _base(path: Path, base: object) -> Path:
 
 
 def _flat_start(table: Any) -> Any:
-    """An instance's table with flat names of start values: so ``p`` and ``p[2]`` stand in one order, however given."""
+    """The table of an instance with its start values under full names.
+
+    ``p`` and ``p[2]`` then stand in one table, in the order in which they were given.
+    """
     if not isinstance(table, Mapping):
         return table
     items = cast("Mapping[str, Any]", table)
@@ -74,9 +78,9 @@ def _flat_start(table: Any) -> Any:
 
 
 def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """``under`` with the entries of ``over`` in place of its own, table by table.
+    """``under`` with entries replaced by the entries of ``over``, table by table.
 
-    A replaced value comes last, as an array of start values must after its elements.
+    A replaced value moves to the end: a start value for a whole array must come after the values of its elements.
     """
     result = dict(under)
     for key, value in over.items():
@@ -92,7 +96,7 @@ def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 def changed_document(
     document: Mapping[str, Any], name: str, overrides: Mapping[str, object], **experiment: object
 ) -> tuple[dict[str, Any], list[str]]:
-    """``document`` with start values and experiment replaced, and problems: what cannot be placed."""
+    """``document`` with other start values and another experiment; and a problem for each override without a target."""
     instances = document.get("instances")
     known = list(cast("Mapping[str, Any]", instances)) if isinstance(instances, Mapping) else []
     given_signals = document.get("signals")
@@ -137,7 +141,7 @@ def changed_document(
 
 
 def _changed_signal(table: Mapping[str, Any], path: str, value: object) -> dict[str, Any]:
-    """A table of a signal with another value at ``file``, ``extend`` ..., or at ``columns.NAME.factor``."""
+    """The table of a signal with another value at ``path``: ``file``, ``extend`` ... or ``columns.NAME.factor``."""
     first, _, rest = path.partition(".")
     column, _, key = rest.rpartition(".")
     columns = table.get("columns")
@@ -149,6 +153,6 @@ def _changed_signal(table: Mapping[str, Any], path: str, value: object) -> dict[
 
 
 def _number(value: object) -> object:
-    """A time or step as a number, if it is one."""
+    """``value`` as a Decimal if it is a number; otherwise unchanged."""
     number = decimal(value)
     return value if number is None else number

@@ -35,8 +35,8 @@ def read_experiment(
 ) -> ExperimentTimes:
     """The experiment of a document.
 
-    ``ends`` are names and times in s of records that end the run, which then has a multiple of ``multiple`` steps; None
-    if no record is meant to, so that a stop time is needed.
+    ``ends`` are the names of records that end the run, and the times in s at which they end. The number of steps is
+    then a multiple of ``multiple``. If no record ends the run, ``ends`` is None and a stop time is required.
     """
     table = findings.table(document, "experiment")
     findings.known_keys("experiment", table, ("start_time", "stop_time", "step_size", "order", "tolerance"))
@@ -60,7 +60,7 @@ def read_experiment(
 
 
 Number = Decimal | Fraction
-"""A number as it was written: a decimal, or a fraction such as 1/30."""
+"""A number exactly as it was written: a decimal, or a fraction such as 1/30."""
 
 
 def _seconds(table: Mapping[str, Any], key: str, default: Fraction | None, findings: Findings) -> Number | None:
@@ -87,11 +87,14 @@ def _with_record(  # noqa: PLR0917
     multiple: int,
     findings: Findings,
 ) -> Number | None:
-    """The stop time of a run that ends with the first record to end: its last communication point before that."""
+    """The stop time of a run that a record ends: the last communication point before the first record ends.
+
+    An earlier ``stop`` is kept.
+    """
     name, end = min(ends, key=lambda item: item[1])
     if stop is not None and float(stop) <= end:
         return stop
-    # A time such as 0.3 in a file may be a little less than 3 steps of 0.1.
+    # As a double, 0.3 is a little less than 3 steps of 0.1.
     steps = math.floor((end - float(start)) / float(step) + 1e-6) // multiple * multiple
     if steps < 1:
         findings.problem(
@@ -109,7 +112,7 @@ def _with_record(  # noqa: PLR0917
 
 
 def _decimal(number: Number) -> Decimal:
-    """A fraction as the shortest decimal of the double next to it, which is what a run computes with."""
+    """A fraction as the shortest decimal of the nearest double. A run computes with this double."""
     return number if isinstance(number, Decimal) else Decimal(repr(float(number)))
 
 
@@ -133,7 +136,7 @@ def _steps(start: Number, stop: Number, step: Number, findings: Findings) -> int
 
 
 def _plain(number: Fraction) -> str:
-    """A fraction as a decimal, where it is one."""
+    """A fraction as decimal text, rounded to the precision of Decimal."""
     return f"{Decimal(number.numerator) / Decimal(number.denominator)}"
 
 

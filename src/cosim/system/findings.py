@@ -1,4 +1,4 @@
-"""What is found while a system is read: problems, which stop it, and notes."""
+"""The findings while a system is read: problems stop the reading, notes do not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .values import decimal, show_value
 
 
 class Findings:
-    """Problems and notes about a system, collected so that all of them come at once."""
+    """Problems and notes about a system, collected so that all of them are reported at once."""
 
     def __init__(self, name: str, problems: Sequence[str] = ()) -> None:
         self.name = name
@@ -18,22 +18,22 @@ class Findings:
         self.notes: list[str] = []
 
     def problem(self, where: str, text: str) -> None:
-        """Something is wrong at ``where``, a path of keys."""
+        """Add a problem at ``where``, a path of keys."""
         self.problems.append(f"{self.name}: {where}: {text}")
 
     def note(self, where: str, text: str) -> None:
-        """Something is legal, but worth knowing."""
+        """Add a note: something is legal but may surprise."""
         self.notes.append(f"{where}: {text}")
 
     def known_keys(self, where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
-        """Every key of a table must be known."""
+        """Add a problem for each key of a table that is not in ``known``."""
         for key in table:
             if key not in known:
                 path = f"{where}.{key}" if where else key
                 self.problem(path, f"unknown key.{suggest(key, known)}")
 
     def table(self, document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-        """The table under ``key``, empty if there is none."""
+        """The table under ``key``; empty if there is none. Adds a problem if the value is not a table."""
         value = document.get(key, {})
         if isinstance(value, Mapping):
             return cast("Mapping[str, Any]", value)
@@ -41,7 +41,7 @@ class Findings:
         return {}
 
     def count(self, where: str, value: object) -> int:
-        """A whole number of at least 1."""
+        """``value`` as a whole number of at least 1. For another value, adds a problem and returns 1."""
         number = decimal(value) if not isinstance(value, str) else None
         if number is None or not number.is_finite() or number != number.to_integral_value() or number < 1:
             self.problem(where, f"{show_value(value)} is not a count. Give a whole number of at least 1.")

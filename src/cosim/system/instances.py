@@ -17,7 +17,7 @@ from .parts import Instance
 from .values import flat_table, show_value, start_value
 
 SHOWN_FINDINGS = 3
-"""Findings about the file of an FMU that are told with a system."""
+"""Largest number of findings about an FMU's file that become notes of the system."""
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -27,13 +27,13 @@ class Places:
     """Where FMUs are looked for."""
 
     folder: Path
-    """The folder that paths in the document start from."""
+    """The folder where relative paths of the document start."""
     fmus: Path | None
-    """The folder of FMUs given by name, None to look for it."""
+    """The folder of FMUs given by name; None: ``find_fmus`` looks for it."""
 
 
 def read_instances(document: Mapping[str, Any], places: Places, findings: Findings) -> dict[str, Instance]:
-    """The instances of a document whose FMUs can be read."""
+    """The instances of a document, by name. An instance whose FMU cannot be read is left out and is a problem."""
     tables = findings.table(document, "instances")
     if not tables:
         findings.problem("instances", 'none given. Write [instances.NAME] with fmu = "...".')
@@ -81,7 +81,10 @@ def _fmu(where: str, value: object, places: Places, findings: Findings) -> Fmu |
 
 
 def _shortened(fmu: Fmu) -> list[str]:
-    """The first findings about the file of an FMU; what its tool does wrong once, it often does for all variables."""
+    """The first findings about an FMU's file, and the number of the others.
+
+    A tool that makes an error often makes it for all variables.
+    """
     more = len(fmu.findings) - SHOWN_FINDINGS
     last = [f"and {more} more findings in it: cosim info {fmu.path}."] if more > 0 else []
     return [*fmu.findings[:SHOWN_FINDINGS], *last]
@@ -109,7 +112,7 @@ def _starts(where: str, fmu: Fmu, value: object, findings: Findings) -> dict[str
 def _array_start(  # noqa: PLR0917
     where: str, fmu: Fmu, array: Array, given: object, result: dict[str, Value], findings: Findings
 ) -> None:
-    """Enter the values of a whole array: a list, or a list of lists for two dimensions."""
+    """Enter the start values of a whole array, given as a list, or as a list of rows for two dimensions."""
     if not array.shape:
         findings.problem(
             where, f"the array has gaps: its elements are {_few(array.elements)}. Give each by its own name."
@@ -131,15 +134,15 @@ def _array_start(  # noqa: PLR0917
 
 
 class _NoListError(Exception):
-    """Something else than a list where one is needed."""
+    """A value is not a list, but must be one."""
 
 
 class _LengthError(Exception):
-    """A list of another length than its dimension."""
+    """A list has another length than the dimension of the array."""
 
 
 def _elements(given: object, shape: Sequence[int], row: str = "") -> Iterator[object]:
-    """The values of nested lists, the last index fastest."""
+    """The values of nested lists, the last index fastest. Raises _NoListError or _LengthError."""
     if not shape:
         yield given
         return

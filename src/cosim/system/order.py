@@ -10,13 +10,13 @@ from .findings import Findings
 from .parts import Connection, Instance, Order, sources
 
 Sources = Mapping[tuple[str, str], tuple[tuple[str, str], ...]]
-"""By connected input, the outputs that feed it."""
+"""For each connected input, the outputs that feed it."""
 
 
 def feedthrough(
     instances: Mapping[str, Instance], connected: Sources
 ) -> dict[tuple[str, str], tuple[tuple[str, str], ...]]:
-    """The outputs that depend directly on connected inputs, with these inputs."""
+    """For each output that depends directly on connected inputs, these inputs."""
     outputs: dict[tuple[str, str], tuple[tuple[str, str], ...]] = {}
     for name, instance in instances.items():
         for output, inputs in instance.fmu.dependencies.items():
@@ -31,10 +31,10 @@ def feedthrough_order(
     outputs: Mapping[tuple[str, str], tuple[tuple[str, str], ...]],
     connected: Sources,
 ) -> tuple[str, ...]:
-    """Instances in the order of their feedthrough, which has no loop.
+    """Instances in the order of their feedthrough. There must be no algebraic loop.
 
-    An instance comes once all its inputs are known. Where two instances need each other through different
-    variables, one comes twice: first for the outputs it can give.
+    An instance comes as soon as all its inputs are known. If two instances need each other through different
+    variables, one of them comes twice: the first time for the outputs that it can already give.
     """
     pending = set(outputs)
     waiting = list(names)
@@ -76,7 +76,7 @@ def find_loop(instances: Mapping[str, Instance], connected: Sources) -> list[tup
 def evaluation_order(
     instances: Mapping[str, Instance], connections: Sequence[Connection], order: Order, findings: Findings
 ) -> tuple[str, ...]:
-    """In which order instances get their inputs and give their feedthrough outputs at a communication point."""
+    """The order in which instances get their inputs and give their feedthrough outputs at a communication point."""
     connected = sources(connections)
     outputs = feedthrough(instances, connected)
     if isinstance(order, tuple):
@@ -101,7 +101,7 @@ def _late(
     order: Sequence[str],
     findings: Findings,
 ) -> None:
-    """Note each connection that an order given makes one step late."""
+    """Note each connection that is delayed by one step because of a given order."""
     for connection in connections:
         source, target = connection.source, connection.target
         if source not in outputs or order.index(source[0]) < order.index(target[0]):

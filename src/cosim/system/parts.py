@@ -1,4 +1,4 @@
-"""The parts of a system: instances, connections, and the digest of everything that decides its results."""
+"""The parts of a system: instances, signals, connections, and the digest of everything that decides its results."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ class Instance:
 
 @dataclass(frozen=True)
 class SignalSource:
-    """A record as a source: an entry of ``[signals]``. Its columns are what outputs are of an FMU."""
+    """A record as a source: an entry of ``[signals]``. Its columns feed inputs as the outputs of an FMU do."""
 
     name: str
     path: Path
     digest: str
     """SHA-256 of the file."""
     table: Mapping[str, Any]
-    """The entry as it is written."""
+    """The entry of ``[signals]`` as it is written."""
     variables: Mapping[str, Variable]
     columns: Mapping[str, NDArray[np.float64]] = field(repr=False, compare=False)
-    """By name, after factor and offset; derivatives, too."""
+    """Values of the columns and of their derivatives, by name, after factor and offset."""
     rates: frozenset[str]
-    """The columns that are derivatives: 0 where the record holds its first or last sample."""
+    """Names of the derivatives among the columns. They are 0 before and after a record that holds its values there."""
     resampler: Resampler = field(repr=False, compare=False)
     shift: float
     """Time of the record minus time of the run, in s."""
     converted: Mapping[str, str]
-    """Units that the file, or its description beside it, says and from which columns are converted."""
+    """For each column whose unit is converted: the unit that the file states, or the description beside it."""
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -61,34 +61,40 @@ class SignalSource:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """None: nothing feeds a record."""
+        """Always empty: nothing feeds a record."""
         return ()
 
     @property
     def arrays(self) -> Mapping[str, Array]:
-        """None: ``a[1]`` is a column of its own."""
+        """Always empty: ``a[1]`` is a column of its own."""
         return {}
 
     def unit(self, name: str) -> Unit | None:
-        """What a unit means, by its name; None for an unknown one."""
+        """The unit of this name; None if it is unknown."""
         return resolve_unit(name)
 
 
 Ports = Fmu | SignalSource
-"""What a connection may begin at."""
+"""The possible sources of a connection; only an Fmu can be a target."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Normal noise on what an input gets: ``rms`` in the unit of the input, a new value each communication step."""
+    """Normally distributed noise that is added to an input, with a new value each communication step.
+
+    ``rms`` is in the unit of the input.
+    """
 
     rms: float
     seed: int
 
 
 Units = Literal["same", "converted", "given", "suppressed"]
-"""How a connection treats the units of its ends: they are the same; the values are converted by what the files say
-about the units; the factor that is given converts; the values are taken as they are, whatever the units."""
+"""How a connection treats the units of its two ends.
+
+"same": the units are equal. "converted": the values are converted from the source's unit to the target's.
+"given": the factor in the system file converts. "suppressed": the values are passed on unchanged, whatever the units.
+"""
 
 
 @dataclass(frozen=True)
@@ -101,11 +107,14 @@ class Connection:
     offset: float = 0.0
     units: Units = "same"
     stated: tuple[float, float] = (1.0, 0.0)
-    """Factor and offset as written, which act after a conversion of units; without one they are factor and offset."""
+    """Factor and offset as written in the system file. They act after a conversion of units.
+
+    Without a conversion they are equal to ``factor`` and ``offset``.
+    """
     added: bool = False
-    """Whether the value is added to that of the connection before, which has the same target: a sum."""
+    """Whether this connection is a later addend of a sum. Its value is added to the connection before it."""
     noise: Noise | None = None
-    """What is added to the input, by the first of its connections."""
+    """Noise that is added to the input. In a sum, only the first connection has it."""
 
     def __str__(self) -> str:
         return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
@@ -121,7 +130,7 @@ def system_digest(  # noqa: PLR0917
     decimation: int,
     signals: Sequence[SignalSource] = (),
 ) -> str:
-    """SHA-256 of everything that decides the results."""
+    """SHA-256 of everything that decides the results, as hexadecimal digits."""
     content: dict[str, Any] = {
         "instances": {
             name: [i.fmu.digest, sorted(i.start.items()), i.step_multiple] for name, i in sorted(instances.items())
@@ -148,7 +157,7 @@ def _connection_content(connection: Connection) -> list[Any]:
 
 
 def sources(connections: Sequence[Connection]) -> dict[tuple[str, str], tuple[tuple[str, str], ...]]:
-    """By connected input, the outputs that feed it: several of a sum."""
+    """For each connected input, the outputs that feed it; a sum has several."""
     found: dict[tuple[str, str], tuple[tuple[str, str], ...]] = {}
     for connection in connections:
         found[connection.target] = (*found.get(connection.target, ()), connection.source)

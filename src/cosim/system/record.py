@@ -18,7 +18,7 @@ def recorded_variables(
 ) -> tuple[tuple[tuple[str, str], ...], int]:
     """The variables to record, as (instance or signal, variable), and the decimation.
 
-    By default all outputs of FMUs, and of records those that feed something.
+    By default these are all outputs of FMUs, and the columns of records that feed an input.
     """
     table = findings.table(document, "record")
     findings.known_keys("record", table, ("variables", "decimation"))
@@ -52,7 +52,7 @@ def _recorded(
         findings.problem(where, f"{show_value(pattern)} is not a text.")
         return
     name, _, variable = pattern.partition(".")
-    # A variable whose own name holds a * or ? is meant before a pattern is.
+    # An exact name that contains * or ? goes before a pattern.
     exact = name in ports and variable in ports[name].variables
     if not exact and ("*" in pattern or "?" in pattern):
         matching = list(_matching(pattern, ports))
@@ -77,7 +77,7 @@ def _recorded(
 
 
 def _matching(pattern: str, ports: Mapping[str, Ports]) -> Iterator[tuple[str, str]]:
-    """Everything that varies and whose name matches a pattern with * and ?."""
+    """All numeric inputs, outputs and local variables that can change and match a pattern with * and ?."""
     expression = re.compile(re.escape(pattern).replace(r"\*", ".*").replace(r"\?", "."), re.DOTALL)
     for name, port in ports.items():
         for variable in port.variables.values():

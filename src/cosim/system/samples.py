@@ -1,4 +1,4 @@
-"""Communication steps against step multiples and sampling times."""
+"""Checks that communication steps fit step multiples and sampling times."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from .values import decimal, whole
 
 
 def check_steps(instances: Mapping[str, Instance], experiment: ExperimentTimes, findings: Findings) -> None:
-    """Step multiples divide the run; sampling times and communication steps are multiples of each other."""
+    """Report step multiples that do not divide the run, and sampling times that do not fit the communication step.
+
+    A sampling time must be a multiple of the instance's communication step, or divide it. If there are several samples
+    in a step, a note says that only the last one is seen.
+    """
     for name, instance in instances.items():
         where = f"instances.{name}"
         multiple = instance.step_multiple
@@ -42,7 +46,10 @@ def check_steps(instances: Mapping[str, Instance], experiment: ExperimentTimes, 
 
 
 def sampling_time(instance: Instance) -> Decimal | None:
-    """``T_s`` of a sampled controller: a parameter of that name in seconds, of an FMU with inputs."""
+    """The sampling time ``T_s`` of a sampled controller in s; None for other FMUs.
+
+    A sampled controller is an FMU that has inputs and a positive parameter ``T_s`` in s.
+    """
     variable = instance.fmu.variables.get("T_s")
     if variable is None or variable.causality != "parameter" or variable.unit != "s" or not instance.fmu.inputs:
         return None

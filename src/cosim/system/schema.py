@@ -1,7 +1,7 @@
-"""The shape of a system file, for its JSON Schema and for editors.
+"""Models of a system file, for its JSON Schema and for editors.
 
-The reader of system files does not use these models: it knows the FMUs, tells of mistakes in their words, and starts
-without pydantic. A test keeps the keys of both the same.
+The reader of system files does not use these models. It checks values against the FMUs, and it starts without pydantic.
+A test keeps the keys of both the same.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Start = Annotated[Any, Field(description="number, true or false, text, name of a
 
 
 class NoiseData(Table):
-    """Seeded white noise on a connection, one value a communication step."""
+    """Seeded white noise on a connection, with one value for each communication step."""
 
     rms: Annotated[float, Field(ge=0.0, description="in the unit of the input")]
     seed: Annotated[int, Field(ge=0)]
@@ -57,7 +57,7 @@ class InstanceData(Table):
 
 
 class ColumnEntry(ColumnData):
-    """A column of a record, whose derivatives are smoothed or, said explicitly, not."""
+    """A column of a record. Its derivatives are smoothed, or explicitly not smoothed ("none")."""
 
     smoothing: SmoothingData | Literal["none"] | None = None  # pyright: ignore[reportIncompatibleVariableOverride]
 
@@ -69,7 +69,7 @@ class SignalEntry(SignalData):
 
 
 class RecordData(Table):
-    """What is recorded, and every how many communication steps."""
+    """The recorded variables. With decimation = n, every n-th communication point is recorded."""
 
     variables: list[Text] | None = None
     decimation: Count = 1

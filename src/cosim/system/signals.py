@@ -1,4 +1,4 @@
-"""The table ``[signals]``: records as sources, read, scaled and derived."""
+"""The table ``[signals]``: reads records as sources, scales their columns and computes derivatives."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from .parts import SignalSource
 from .values import fraction
 
 HIGHEST = 2
-"""Order of derivatives that are computed: velocity and acceleration of a position."""
+"""Highest order of derivatives: velocity and acceleration of a position."""
 
 
 class SmoothingData(Table):
-    """How derivatives are smoothed: by a polynomial through the samples in a window in s."""
+    """How derivatives are smoothed: by a polynomial fitted to the samples in a window in s."""
 
     EXAMPLE: ClassVar[str] = 'smoothing = { window = 0.01, polynomial = 3 }, or smoothing = "none"'
 
@@ -71,7 +71,7 @@ class SignalData(Table):
 
 
 class SignalsData(Table):
-    """The part of a system file that is read here."""
+    """The part of a system file that this module reads."""
 
     signals: Mapping[str, SignalData]
 
@@ -79,11 +79,14 @@ class SignalsData(Table):
 def read_signals(
     document: Mapping[str, Any], folder: Path, times: tuple[float, float], findings: Findings
 ) -> dict[str, SignalSource]:
-    """The signals of a document; ``folder`` is where paths start, ``times`` are start time and step of the run in s."""
+    """The signals of a document, by name. A signal with a problem is left out.
+
+    Relative paths start in ``folder``. ``times`` are the start time and the communication step of the run in s.
+    """
     tables = findings.table(document, "signals")
     result: dict[str, SignalSource] = {}
     for name, plain in _plain(tables).items():
-        # One by one: what is wrong with one keeps no other from being read.
+        # Each signal is checked alone, so that a problem in one does not stop the others.
         data, problems = checked({"signals": {name: plain}}, SignalsData, findings.name)
         findings.problems += problems
         if data is None:
@@ -107,7 +110,7 @@ def read_signals(
 
 
 def _plain(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables with every column as a table, as the model has it; smoothing "none" is no smoothing."""
+    """The tables in the form of the model: every column is a table, and smoothing "none" is left out."""
     plain: dict[str, Any] = {}
     for name, table in tables.items():
         items: Any = dict(cast("Mapping[str, Any]", table)) if isinstance(table, Mapping) else table
@@ -192,7 +195,7 @@ def _source(  # noqa: PLR0917
 
 
 def _smoothing_said(where: str, column: ColumnData, written: object, findings: Findings) -> bool:
-    """Whether a column says how its derivatives are computed, and has derivatives if it does."""
+    """Whether a column has both derivatives and smoothing, or neither. Reports a problem if not."""
     said = isinstance(written, Mapping) and "smoothing" in cast("Mapping[str, Any]", written)
     if column.derivatives and not said:
         findings.problem(
@@ -208,7 +211,7 @@ def _smoothing_said(where: str, column: ColumnData, written: object, findings: F
 def _scaled(
     where: str, column: ColumnData, record: Record, findings: Findings
 ) -> tuple[NDArray[np.float64], str] | None:
-    """The values of a column as a signal, and their unit."""
+    """The values of a column after factor and offset, and their unit; None if there was a problem."""
     told = record.units[column.column]
     factor, offset = column.factor, column.offset
     if column.unit is not None and not is_unit(column.unit):
@@ -234,7 +237,7 @@ def _scaled(
             findings.problem(f"{where}.factor", f'the file says {told}: say the unit after the factor, unit = "...".')
             return None
     values = record.columns[column.column]
-    # A product with 1 and a sum with 0 would turn -0.0 to 0.0.
+    # Adding 0.0 would turn -0.0 into 0.0.
     values = values if factor in (None, 1.0) else values * factor
     values = values if offset == 0.0 else values + offset
     if not np.all(np.isfinite(values)):
@@ -278,7 +281,7 @@ def _read(
     sampling_time: float | None,
     columns: tuple[str, ...] | None,
 ) -> tuple[Record, str]:
-    """A record and the SHA-256 of its file; read once in a process, as long as the file is the same."""
+    """A record and the SHA-256 of its file. A file that has not changed is read only once in a process."""
     stamp: list[tuple[int, int]] = []
     for file in (path, description_path(path)):
         with contextlib.suppress(OSError):
@@ -300,16 +303,16 @@ def _kept(  # noqa: PLR0917
     return record, hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-# ---- what can be changed from run to run ----
+# ---- settings that can be changed for each run ----
 
 _SETTINGS = {"file": "", "time": "", "interpolation": "", "extend": "", "start_time": "s", "sampling_time": "s"}
-"""Keys of an entry that take a value, with the unit of a number; texts have none."""
+"""The keys of an entry that can be changed, each with its unit; "" for a text."""
 
 
 def setting(signal: SignalSource, path: str) -> Variable:
-    """What ``changed`` takes for a signal: ``file``, ``start_time``, ``columns.force.factor`` ...
+    """The setting ``path`` of a signal as a Variable: ``file``, ``start_time``, ``columns.force.factor`` ...
 
-    Raises DescriptionError for another path.
+    These are the settings that ``System.changed`` accepts. Raises DescriptionError for another path.
     """
     known = {
         **_SETTINGS,
@@ -325,14 +328,18 @@ def setting(signal: SignalSource, path: str) -> Variable:
 
 
 def record_ends(signals: Mapping[str, SignalSource]) -> Iterator[tuple[str, float]]:
-    """Names of the signals that end the run with their record, and when that is in s of the run."""
+    """Names of the signals whose record ends the run, and the time of this end in s of the run."""
     for name, signal in signals.items():
         if signal.table.get("extend") == "stop":
             yield name, float(signal.resampler.time[-1]) - signal.shift
 
 
 def check_times(signals: Mapping[str, SignalSource], times: tuple[float, float, float], findings: Findings) -> None:
-    """Notes about records that do not cover a run of ``times`` (start, stop, step in s), or are finer than that."""
+    """Note records that do not cover the run, or that have more than one sample in a communication step.
+
+    ``times`` are start, stop and step of the run in s. With extend = "stop", a record that begins too late is a
+    problem.
+    """
     start, stop, step = times
     for name, signal in signals.items():
         where = f"signals.{name}"

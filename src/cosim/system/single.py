@@ -1,4 +1,4 @@
-"""An FMU as a system of its own: one instance, nothing connected, the experiment that its file suggests."""
+"""A single FMU as a system: one instance, no connections, and the DefaultExperiment of its file."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ..fmu.description import Fmu, read_fmu
 from .values import decimal
 
 STEPS = 1000
-"""Steps of a run whose FMU states no step size."""
+"""Number of steps of a run whose FMU states no step size."""
 
 
 def fmu_document(path: Path) -> dict[str, Any]:
     """The document of a system file that runs the FMU at ``path`` alone. Raises DescriptionError.
 
-    A step that the file does not state is a thousandth of the time between its start and stop, if it states these.
+    If the file states no step size, it is the time from start to stop divided by ``STEPS``.
     """
     fmu = read_fmu(path)
     experiment = {
@@ -37,13 +37,13 @@ def fmu_document(path: Path) -> dict[str, Any]:
 
 
 def instance_name(fmu: Fmu) -> str:
-    """The name of an FMU's only instance: that of its file, as far as instances may be called so."""
+    """The name of an FMU's only instance: its file name, with ``_`` for characters that are not allowed."""
     name = re.sub(r"\W", "_", fmu.path.stem, flags=re.ASCII)
     return f"_{name}" if name[:1].isdigit() else name
 
 
 def full_names(document: Mapping[str, Any], overrides: Mapping[str, object]) -> dict[str, object]:
-    """Overrides of a system of one FMU with the instance before each variable, which may be left out."""
+    """Overrides of a system of one FMU, with the instance name put before each variable that lacks it."""
     (instance,) = document["instances"]
     return {
         name if name.startswith(f"{instance}.") else f"{instance}.{name}": value for name, value in overrides.items()

@@ -1,4 +1,4 @@
-"""Where signals of an SSP come from: connections followed through the connectors of systems."""
+"""Finds the sources of the signals of an SSP: follows connections through the connectors of systems."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REMEDY = "Define it in ssd:Units, or set suppressUnitConversion."
 
 @dataclass(frozen=True)
 class Hop:
-    """A connection, in the direction of its signal."""
+    """A connection in the direction of its signal."""
 
     source: End
     target: End
@@ -37,12 +37,12 @@ class Hop:
 
 
 def said(end: End) -> str:
-    """A connector as it is told."""
+    """A connector as text for messages."""
     return ".".join((*end[0], end[1]))
 
 
 class Flow:
-    """What feeds each connector."""
+    """The connection that feeds each connector."""
 
     def __init__(self, top: Part, units: ConnectorUnits, problem: Callable[[str], None]) -> None:
         self.units = units
@@ -61,7 +61,7 @@ class Flow:
                 self.into[hop.target] = hop
 
     def hop(self, system: Part, connection: Any) -> Hop | None:
-        """A connection of a system with its direction, None if a problem was found."""
+        """A connection of a system, with its direction; None if a problem was found."""
         ends: list[End] = []
         gives: list[bool | None] = []
         for side in ("start", "end"):
@@ -98,7 +98,7 @@ class Flow:
         return hop
 
     def trace(self, target: End) -> list[Hop]:
-        """The connections from the source of a signal to ``target``, the first first; none for a loop of connectors."""
+        """The chain of connections from the source of a signal to ``target``; empty if connectors form a loop."""
         hops: list[Hop] = []
         end = target
         while end in self.into:
@@ -111,10 +111,10 @@ class Flow:
         return hops
 
     def through(self, hops: list[Hop], stated: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Factor and offset of connections in a row: of each the conversion of units, and then what it states.
+        """Factor and offset of a chain of connections. Each converts units first, and then applies its own factor.
 
-        ``stated`` is what a single connection states behind a conversion, whatever it says itself. A connector without
-        a unit leaves the unit as it is. Raises DescriptionError.
+        ``stated`` replaces the factor and offset of a single connection, and makes it convert units. A connector
+        without a unit does not change the unit. Raises DescriptionError for units that cannot be converted.
         """
         unit = self.units.unit(hops[0].source)
         factor, offset = 1.0, 0.0
@@ -126,11 +126,14 @@ class Flow:
             if wanted is not None:
                 unit = wanted
             elif hop.suppressed or (a, b) != (1.0, 0.0):
-                unit = None  # nothing says what the values are now
+                unit = None  # the unit of the values is not known any more
         return factor, offset
 
     def constant(self, given: Given, hops: list[Hop]) -> object:
-        """A value of a connector at the end of the connections that start there. Raises DescriptionError."""
+        """The value that arrives at the end of a chain of connections, if ``given`` is the value at its start.
+
+        Raises DescriptionError for units that cannot be converted, and for a transformation that does not fit.
+        """
         value, unit = given.value, given.unit or self.units.unit(hops[0].source)
         for hop in hops:
             wanted = self.units.unit(hop.target)
@@ -142,7 +145,10 @@ class Flow:
 
 
 def _gives(kind: str | None, *, inside: bool) -> bool | None:
-    """Whether a connector gives values to a connection, None if nothing says it; ``inside``: of the system itself."""
+    """Whether a connector of this kind gives values to a connection; None if the kind does not say so.
+
+    ``inside``: the connector belongs to the system that contains the connection.
+    """
     if kind in SOURCES:
         return not inside
     return inside if kind in TARGETS else None

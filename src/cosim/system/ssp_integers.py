@@ -1,4 +1,7 @@
-"""FMUs for importers that know no Enumeration: the same binary, described with whole numbers in their place."""
+"""FMUs for importers that do not support enumerations.
+
+The binary stays the same. The model description declares integers in place of enumerations.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,9 @@ DESCRIPTION = "modelDescription.xml"
 
 
 def with_integers(fmu: bytes) -> bytes:
-    """An FMU file whose variables of type Enumeration are declared as Integer (FMI 2.0) or Int64 (FMI 3.0).
+    """The content of the FMU file ``fmu`` with Enumeration variables declared as Integer (FMI 2.0) or Int64 (FMI 3.0).
 
-    The calls that set and get them are the same.
+    The same FMI functions set and get an enumeration and such an integer. Therefore the binary still fits.
     """
     written = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(fmu)) as source, zipfile.ZipFile(written, "w") as archive:

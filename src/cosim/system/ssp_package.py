@@ -1,4 +1,4 @@
-"""SSP packages and SSD files opened: unpacked, their files found, their XML checked."""
+"""Opens SSP packages and SSD files: unpacks them, finds their files and checks their XML."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ atexit.register(_folders.close)
 
 @dataclass(frozen=True)
 class Package:
-    """An .ssp, unpacked, or an .ssd beside the files that it names."""
+    """An unpacked .ssp, or an .ssd with the files around it."""
 
     name: str
     folder: Path
-    """Where the paths of the description start."""
+    """The folder where relative paths of the description start."""
     description: bytes
     packed: bool
-    """Whether it is an .ssp: its files lie inside."""
+    """Whether this is an .ssp, which contains all its files."""
 
     def file(self, uri: str) -> str:
         """The path of a file that the description names, relative to the folder.
 
-        Raises DescriptionError for what is no file, or leads out of an .ssp.
+        Raises DescriptionError if ``uri`` is not the path of a file, or leads out of an .ssp.
         """
         parts = urlsplit(uri)
         path = unquote(parts.path)
@@ -68,9 +68,9 @@ class Package:
 
 
 def open_package(path: Path) -> Package:
-    """The package at ``path``; an .ssp is unpacked into a temporary folder that lasts as long as the process.
+    """Open the package at ``path``. An .ssp is unpacked into a temporary folder that lasts as long as the process.
 
-    Raises DescriptionError.
+    Raises DescriptionError if the file cannot be read or is not an SSP.
     """
     try:
         if path.suffix.lower() == ".ssd":
@@ -107,13 +107,14 @@ def _unpack(path: Path) -> Path:
 
 _VERSIONED = tuple(
     map(tag, ("ssd:SystemStructureDescription", "ssv:ParameterSet", "ssm:ParameterMapping"))
-)  # what states the version of SSP it is written in
+)  # the elements that state their version of SSP
 
 
 def read_document(content: bytes, schema: str = "SystemStructureDescription") -> Any:
-    """The root of a document that is right by its SSP 1.0 schema; one of SSP 2.0 may use what 1.0 has.
+    """The root of an XML document that is valid against its SSP 1.0 schema.
 
-    Raises DescriptionError with what is wrong, lines included.
+    A document of SSP 2.0 is accepted if it uses only elements of SSP 1.0.
+    Raises DescriptionError with all errors and their lines.
     """
     try:
         root = parse(content)
@@ -140,7 +141,7 @@ def _schema(name: str) -> Any:
 
 
 def _plain(message: str) -> str:
-    """A message of the schema's validator with short names and without patterns."""
+    """A message of the schema validator, with short XML names and without regular expressions."""
     for prefix, uri in NAMESPACES.items():
         message = message.replace(f"{{{uri}}}", f"{prefix}:")
     message = re.sub(r"\[facet '\w+'\] ", "", message)

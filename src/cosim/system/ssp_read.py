@@ -1,7 +1,7 @@
 """Reads SSP packages and SSD files as the document of a system file.
 
-Systems in systems are flattened: each component is an instance, connections are followed through the connectors of
-systems, and a connector that nothing feeds is a constant, the value that is bound to it.
+Nested systems are flattened: each component becomes an instance. Connections are followed through the connectors of
+systems. A connector that is not connected is a constant: the parameter value that is bound to it.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ FMU = "application/x-fmu-sharedlibrary"
 
 
 SHOWN_NAMES = 20
-"""Names of instances that a note lists."""
+"""Largest number of instance names that a note lists."""
 
 
 @dataclass(frozen=True)
 class SspSystem:
-    """What an SSP describes."""
+    """The system that an SSP describes."""
 
     document: dict[str, Any]
-    """As a system file holds it."""
+    """The system with the keys of a system file."""
     folder: Path
-    """Where the paths of the document start."""
+    """The folder where relative paths of the document start."""
     notes: list[str]
-    """What is legal but worth knowing."""
+    """Remarks on things that are legal but may surprise."""
 
 
 def read_ssp(path: str | Path) -> SspSystem:
-    """The system of an .ssp or .ssd.
+    """Read the system of an .ssp or .ssd file.
 
     An .ssp is unpacked into a temporary folder that lasts as long as the process.
-    Raises DescriptionError with every problem found.
+    Raises DescriptionError with all problems.
     """
     package = open_package(Path(path))
     try:
@@ -77,7 +77,7 @@ class SspReader:
         self.problems.append(f"{self.package.name}: {text}")
 
     def document(self) -> dict[str, Any]:
-        """The document. Raises DescriptionError with every problem found."""
+        """The document with the keys of a system file. Raises DescriptionError with all problems."""
         self.tell_elements()
         self.values.read(self.top)
         connections = self.connections()
@@ -107,7 +107,10 @@ class SspReader:
         return document
 
     def more(self, element: Any, document: dict[str, Any]) -> None:
-        """Enter what SSP has no word for: records, and the connections of inputs that get a record, a sum or noise."""
+        """Enter the parts of the system that SSP cannot express, from our annotation into ``document``.
+
+        These are records, and the connections of inputs that get a record, a sum or noise.
+        """
         if element is None:
             return
         try:
@@ -129,7 +132,7 @@ class SspReader:
     # Elements
 
     def tell_elements(self) -> None:
-        """Note the names of instances that differ from those of the components, and what is not read."""
+        """Note each instance whose name differs from its component's name, and each element that is not read."""
         renamed = [f"'{part.name}' is {self.names[part.path]}" for part in self.top.components()]
         renamed = [text for text, path in zip(renamed, self.names, strict=True) if path != (self.names[path],)]
         if renamed:
@@ -140,7 +143,7 @@ class SspReader:
                 self.notes.append(f"'{part.name}' is a {part.kind}, which is not read.")
 
     def source(self, part: Part) -> str:
-        """The path of a component's FMU relative to the SSD; the FMU is read if it can be."""
+        """The path of a component's FMU, relative to the SSD. Also reads the FMU, if possible."""
         xml = part.xml
         if xml.get("type", FMU) != FMU:
             self.problem(f"component '{part.name}' is of type {xml.get('type')}. Only FMUs are read.")
@@ -154,7 +157,7 @@ class SspReader:
         except DescriptionError as error:
             self.problem(f"component '{part.name}': {error}")
             return ""
-        with contextlib.suppress(DescriptionError):  # whoever checks the system says what is wrong with an FMU
+        with contextlib.suppress(DescriptionError):  # the check of the system reports it
             part.fmu = read_fmu(self.package.folder / source)
         if xml.get("implementation", "any") == "ModelExchange":
             self.notes.append(f"component '{part.name}' is meant for model exchange; it runs as co-simulation here.")
@@ -198,11 +201,11 @@ class SspReader:
             return None
 
     def named(self, end: End) -> str:
-        """A variable by the name of its instance."""
+        """A variable as INSTANCE.VARIABLE."""
         return f"{self.names[end[0]]}.{end[1]}"
 
     def transformation(self, hops: list[Hop]) -> dict[str, Any]:
-        """Factor, offset and treatment of units of connections in a row, as a system file has them.
+        """Factor, offset and treatment of units of a chain of connections, with the keys of a system file.
 
         Raises DescriptionError for units that cannot be converted.
         """
@@ -229,7 +232,11 @@ class SspReader:
         return {key: Decimal(found.get(key)) for key in ("factor", "offset") if found.get(key) is not None}
 
     def suppressed(self, hop: Hop, stated: dict[str, Decimal]) -> dict[str, Any]:
-        """What a connection that suppresses the conversion of units is; ours say what it came from."""
+        """Factor, offset and treatment of units of a connection that suppresses the conversion of units.
+
+        ``write_ssp`` writes a conversion as numbers and keeps the original form in an annotation. If it still fits the
+        numbers, the original form is restored.
+        """
         own = own_annotation(hop.xml, "cosim:Conversion")
         if own is not None:
             meant = {key: Decimal(own.get(key)) for key in ("factor", "offset")}
@@ -239,7 +246,7 @@ class SspReader:
         return dict(stated) if "factor" in stated else {**stated, "units": "suppress"}
 
     def constants(self) -> None:
-        """Pass the values of connectors of systems on to the inputs and parameters behind them."""
+        """Pass the values bound to system connectors on to the inputs and parameters that they feed."""
         used: set[End] = set()
         for end in self.flow.into:
             hops = self.flow.trace(end) if end[0] in self.names else []
@@ -288,7 +295,7 @@ class SspReader:
             if other is not None and other.get(attribute):
                 table["step_size"] = typed_value("Real", other.get(attribute))
                 if name.startswith("osp"):
-                    table["order"] = "parallel"  # that algorithm is libcosim's, which exchanges outputs after a step
+                    table["order"] = "parallel"  # libcosim exchanges all outputs after a step
                     self.notes.append(
                         'the file asks for libcosim\'s fixed-step algorithm, which is order = "parallel".'
                     )

@@ -1,6 +1,6 @@
-"""The elements of an SSD: systems in systems, with components as leaves, and a name for the instance of each component.
+"""The elements of an SSD as a tree: systems contain systems and components. Each component gets an instance name.
 
-SSP lets systems nest and names hold anything; a system here is flat, and its instances have plain names.
+In SSP, systems may be nested and names may contain any character. Here, a system is flat and instance names are plain.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .instances import NAME
 from .ssp_names import local_name, tag
 
 Path = tuple[str, ...]
-"""The names of the elements from the top system inwards to one; () is the top system."""
+"""The names of the elements on the way from the top system to an element; () is the top system itself."""
 
 
 End = tuple[Path, str]
@@ -40,7 +40,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """The name with those of the systems around it, as SSP writes it in names of parameters."""
+        """The name of the element behind the names of the systems around it, divided by points."""
         return ".".join(self.path) or str(self.xml.get("name") or "system")
 
     @property
@@ -49,19 +49,19 @@ class Part:
         return local_name(self.xml)
 
     def all(self) -> Iterator[Part]:
-        """This element and all inside it, the outer before the inner."""
+        """This element and all elements inside it; an outer element comes before its inner elements."""
         yield self
         for part in self.parts.values():
             yield from part.all()
 
     def components(self) -> Iterator[Part]:
-        """The components inside."""
+        """This element, if it is a component, and all components inside it."""
         return (part for part in self.all() if part.kind == "Component")
 
     def connector_kind(self, name: str) -> str | None:
-        """``input``, ``output`` and so on, as declared or as the FMU says; None if nothing says it.
+        """The kind of a connector, such as ``input`` or ``output``; None if it is not known.
 
-        An FMU knows the direction of what an SSD declares as ``inout``.
+        The SSD declares it. If it does not, or declares ``inout``, the FMU decides.
         """
         declared = self.connectors[name].get("kind") if name in self.connectors else None
         variable = None if self.fmu is None else self.fmu.variables.get(name)
@@ -71,7 +71,7 @@ class Part:
 
 
 def read_tree(xml: Any, problem: Callable[[str], None], path: Path = ()) -> Part:
-    """The system ``xml`` with everything inside; ``problem`` is told what cannot be."""
+    """The system ``xml`` with everything inside it. ``problem`` is called for two elements of one name."""
     connectors = {c.get("name"): c for c in xml.findall(f"{tag('ssd:Connectors')}/{tag('ssd:Connector')}")}
     part = Part(path, xml, connectors, {})
     for element in xml.findall(f"{tag('ssd:Elements')}/*"):
@@ -83,10 +83,11 @@ def read_tree(xml: Any, problem: Callable[[str], None], path: Path = ()) -> Part
 
 
 def instance_names(components: Iterable[Part]) -> dict[Path, str]:
-    """An instance's name for each component.
+    """The instance name of each component.
 
-    A plain name of the top system stays; the others come from the path, in the order of the file, with a number where
-    a name is taken: so what is added at the end of the top system changes no other name, unless it takes one.
+    A component of the top system keeps its name if the name is plain. The others get a name made from their path, in
+    the order of the file, with a number if the name is taken. Therefore a component that is added at the end of the top
+    system changes no other name, unless it has that name itself.
     """
     paths = [component.path for component in components]
     names: dict[Path, str] = {path: path[0] for path in paths if len(path) == 1 and NAME.fullmatch(path[0])}

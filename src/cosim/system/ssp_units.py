@@ -1,8 +1,7 @@
 """Units in SSP: where their names are defined, and how values and connections are converted.
 
-A unit's name means what the FMU states about it; what the FMU does not state, the ``Units`` of the SSP file may; a
-name that no file defines means what the table of ``cosim.units`` says. Values of a parameter set have the meaning
-that its own ``Units`` give them.
+The first of these that defines a unit name decides: the ``Units`` of the parameter set (only for its own values), the
+FMU, the ``Units`` of the SSD, the table of ``cosim.units``.
 """
 
 from __future__ import annotations
@@ -32,16 +31,16 @@ def defined_units(parent: Any, element: str) -> dict[str, Unit]:
 
 @dataclass(frozen=True)
 class NamedUnit:
-    """A unit by its name and what that means, None if nothing says it."""
+    """The name of a unit and its meaning; None if no file defines it."""
 
     name: str
     meaning: Unit | None
 
 
 def conversion(unit: NamedUnit | None, other: NamedUnit | None, remedy: str) -> tuple[float, float]:
-    """Factor and offset from one unit to another; (1, 0) where one is not given.
+    """Factor and offset from one unit to another; (1, 0) if one of them is None.
 
-    Raises DescriptionError for units that cannot be converted; ``remedy`` is for those that nothing defines.
+    Raises DescriptionError for units that cannot be converted. For an undefined unit, the message ends with ``remedy``.
     """
     if unit is None or other is None:
         return 1.0, 0.0
@@ -55,14 +54,14 @@ def conversion(unit: NamedUnit | None, other: NamedUnit | None, remedy: str) -> 
     if factors is not None:
         return factors
     if unit.name == other.name and one.exponents[:-1] == two.exponents[:-1]:
-        # Files differ in whether an angle has a unit: rad/s is rad.s-1 in one and s-1 in the other.
+        # For some files rad is a base unit, for others it is 1: rad/s is rad.s-1 in one file and s-1 in the other.
         return one.factor / two.factor, (one.offset - two.offset) / two.factor
     first, second = (f" ({one})", f" ({two})") if unit.name == other.name else ("", "")
     raise DescriptionError(f"unit '{unit.name}'{first} cannot be converted to '{other.name}'{second}.")
 
 
 class ConnectorUnits:
-    """The units of the connectors of a system: as the SSD states them, else those of the FMUs' variables."""
+    """The units of the connectors of a system. The SSD states them, or else the variables of the FMUs."""
 
     def __init__(self, top: Part, defined: Mapping[str, Unit]) -> None:
         self.defined = defined
@@ -70,13 +69,13 @@ class ConnectorUnits:
         self.parts: dict[Path, Part] = {part.path: part for part in top.all()}
 
     def meant(self, path: Path, name: str, *own: Mapping[str, Unit]) -> NamedUnit:
-        """What ``name`` means at an element; the definitions ``own`` come first."""
+        """The unit called ``name`` at the element ``path``. The definitions ``own`` come first."""
         fmu = self.parts[path].fmu
         stated: Mapping[str, Unit] = {} if fmu is None else fmu.base_units
         return NamedUnit(name, resolve_unit(name, *own, stated, self.defined))
 
     def own(self, end: End) -> NamedUnit | None:
-        """The unit of the variable behind a connector; that of the connector itself for one of a system."""
+        """The unit of the FMU's variable behind a connector; for a connector of a system, the unit in the SSD."""
         fmu = self.parts[end[0]].fmu
         if fmu is None:
             return self.stated(end)
@@ -95,7 +94,7 @@ class ConnectorUnits:
         return self.stated(end) or self.own(end)
 
     def differs(self, end: End) -> bool:
-        """Whether a connector has another unit than the FMU file alone says of its variable."""
+        """Whether the unit of a connector differs from the unit of its variable in the FMU alone."""
         fmu, own, unit = self.parts[end[0]].fmu, self.own(end), self.unit(end)
         meant = None if unit is None else unit.meaning
         known = None if fmu is None or own is None else fmu.unit(own.name)

@@ -1,7 +1,8 @@
-"""Parameter values of an SSP: parameter sets, mappings, and where their values go.
+"""Parameter values of an SSP: parameter sets, mappings, and the variables that get the values.
 
-Names in a set are those of the variables, with the elements around them in front; a mapping gives them others. Of
-several values for one variable the one of the outer element counts, then the later one (SSP 1.0, ParameterBinding).
+A parameter has the name of its variable, behind the names of the elements around it. A mapping gives it another name.
+If a variable has several values, the value at the outer element counts; at one element, the later value
+(SSP 1.0, ParameterBinding).
 """
 
 from __future__ import annotations
@@ -23,19 +24,22 @@ MAPPING = "application/x-ssp-parameter-mapping"
 
 
 SHOWN_NAMES = 3
-"""Names that a note lists of those that lead nowhere."""
+"""Largest number of unknown names that a note lists."""
 
 
 @dataclass(frozen=True)
 class Given:
-    """A value of a parameter set with its unit, None where it has none."""
+    """A value of a parameter set with its unit; the unit may be None."""
 
     value: object
     unit: NamedUnit | None
 
 
 def scaled(value: object, factor: float, offset: float) -> object:
-    """``factor*value + offset``; a value that stays is the very same. Raises DescriptionError for what is no number."""
+    """``factor*value + offset``; for factor 1 and offset 0, ``value`` itself.
+
+    Raises DescriptionError if ``value`` is not a number.
+    """
     if (factor, offset) == (1.0, 0.0):
         return value
     if isinstance(value, bool | str):
@@ -46,18 +50,18 @@ def scaled(value: object, factor: float, offset: float) -> object:
 
 
 def linear(element: Any) -> tuple[float, float] | None:
-    """Factor and offset of the LinearTransformation in a connection or mapping entry, None without one."""
+    """Factor and offset of the LinearTransformation in a connection or mapping entry; None if there is none."""
     found = element.find(tag("ssc:LinearTransformation"))
     return None if found is None else (float(found.get("factor", "1")), float(found.get("offset", "0")))
 
 
 def other_transformation(element: Any) -> Any:
-    """The transformation of single values in a connection or mapping entry, None without one."""
+    """The mapping transformation (a table of values) in a connection or mapping entry; None if there is none."""
     return next((c for c in element if local_name(c).endswith("MappingTransformation")), None)
 
 
 def transformed(value: object, element: Any) -> object:
-    """A value after the transformation in a connection or mapping entry; units are converted before.
+    """A value after the transformation in a connection or mapping entry. Units must be converted before.
 
     Raises DescriptionError if the transformation does not fit the value.
     """
@@ -72,7 +76,7 @@ def transformed(value: object, element: Any) -> object:
 
 
 def typed_value(kind: str, text: str) -> object:
-    """A value as the element ``kind`` of a parameter set writes it."""
+    """The value that ``text`` means in the element ``kind`` (Real, Integer, Boolean ...) of a parameter set."""
     if kind == "Boolean":
         return text.strip() in ("true", "1")
     if kind == "Integer":
@@ -80,7 +84,7 @@ def typed_value(kind: str, text: str) -> object:
     if kind == "Real":
         try:
             return Decimal(text.strip())
-        except InvalidOperation:  # INF and NaN of XML Schema; the system says what is wrong with them
+        except InvalidOperation:  # INF and NaN of XML Schema; the check of the system reports them
             return float(text.strip())
     return text
 
@@ -96,10 +100,10 @@ class ParameterValues:
         self.problem = problem
         self.note = note
         self.given: dict[End, Given] = {}
-        """The value for each variable of a component and each connector of a system that has one."""
+        """The given values, by variable of a component or connector of a system."""
 
     def read(self, part: Part) -> None:
-        """Enter the values that are bound to an element and to those inside it."""
+        """Enter the values that are bound to an element and to the elements inside it."""
         for inner in part.parts.values():
             self.read(inner)
         for binding in part.xml.findall(f"{tag('ssd:ParameterBindings')}/{tag('ssd:ParameterBinding')}"):
@@ -140,7 +144,7 @@ class ParameterValues:
             self.note(f"mapping at '{part.name}': the values hold nothing called {_few(list(entries))}.")
 
     def enter(self, end: End, given: Given, entry: Any) -> None:
-        """Keep a value for ``end`` as a mapping entry leaves it, in the unit of a component's variable."""
+        """Store the value for ``end``: converted to the unit of the variable, then changed by the mapping ``entry``."""
         wanted = self.units.own(end)
         suppressed = entry is not None and entry.get("suppressUnitConversion") in ("true", "1")
         value, unit = given.value, given.unit
@@ -153,12 +157,12 @@ class ParameterValues:
             self.problem(f"parameter '{'.'.join((*end[0], end[1]))}': {error}")
             return
         if wanted is None and (suppressed or value is not given.value):
-            unit = None  # nothing says what the value is now
+            unit = None  # the unit of the value is not known any more
         self.given.pop(end, None)
         self.given[end] = Given(value, wanted or unit)
 
     def mapping(self, part: Part, binding: Any) -> dict[str, list[tuple[str, Any]]]:
-        """The targets of each mapped name, with their entries."""
+        """For each mapped name, its targets and their mapping entries."""
         element = binding.find(tag("ssd:ParameterMapping"))
         if element is None:
             return {}
@@ -169,7 +173,7 @@ class ParameterValues:
         return found
 
     def document(self, part: Part, element: Any, holder: str | None, root: str, kind: str) -> Any:
-        """The root of a parameter set or mapping, in a file of its own or in ``element``; None if it is empty."""
+        """The root of a parameter set or mapping, in a separate file or inside ``element``; None if there is none."""
         source, schema = (
             element.get("source"),
             f"SystemStructure{'ParameterValues' if kind == SET else 'ParameterMapping'}",
@@ -186,7 +190,7 @@ class ParameterValues:
         return None if inline is None else read_document(lxml_etree.tostring(inline), schema)
 
     def file(self, part: Part, source: str, base: str) -> bytes:
-        """The content of a file beside the SSD, or inside the FMU of a component."""
+        """The content of a file beside the SSD, or inside the FMU of a component. Raises DescriptionError."""
         try:
             if base == "component" and part.fmu is not None:
                 with zipfile.ZipFile(part.fmu.path) as archive:
@@ -199,7 +203,7 @@ class ParameterValues:
 
 
 def _find(part: Part, name: str) -> End | None:
-    """The variable or connector that ``name`` means inside an element."""
+    """The variable or connector called ``name`` inside an element; None if there is none."""
     if part.kind == "Component":
         fmu = part.fmu
         known = fmu is None or name in fmu.variables or name in fmu.arrays

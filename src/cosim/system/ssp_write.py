@@ -1,8 +1,8 @@
-"""Systems as SSP 1.0 (System Structure and Parameterization): what other tools read, with the FMUs inside.
+"""Writes systems as SSP 1.0 (System Structure and Parameterization) for other tools, with the FMUs inside.
 
-``write_ssp`` packs a checked system; ``read_ssp`` gives the document of an .ssp or .ssd for ``make_system``. What SSP
-has no word for (communication step size, order, step multiples, record, signals, sums, noise) stands in annotations of
-type ``motion-cosim``; readers that do not know them use the rest.
+``write_ssp`` packs a checked system; ``read_ssp`` gives the document of an .ssp or .ssd for ``make_system``. SSP cannot
+express communication step size, order, step multiples, record, signals, sums and noise. These are in annotations of
+type ``motion-cosim``. Readers that do not know these annotations use the rest.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 PARAMETER_SET = "start"
-"""Name of every parameter set: some importers apply only those of a name they are told."""
+"""Name of every parameter set. Some importers apply only the parameter sets of one name, which the user gives."""
 
 
 GENERATION_DATE = "2026-01-01T00:00:00Z"
@@ -41,9 +41,9 @@ GENERATION_DATE = "2026-01-01T00:00:00Z"
 
 
 def write_ssp(system: System, target: str | Path, *, integers: bool = False) -> Path:
-    """Write a system as .ssp, its FMUs in resources/. Equal systems give equal bytes. Raises FileError.
+    """Write a system as .ssp, with its FMUs in resources/. Equal systems give equal bytes. Raises FileError.
 
-    ``integers`` declares the variables of type Enumeration as whole numbers in the FMUs, for importers that know none.
+    With ``integers``, the FMUs declare Enumeration variables as integers, for importers without enumerations.
     """
     target = Path(target)
     files = unique_names(path for paths in (resource_names(system), record_names(system)) for path in paths)
@@ -58,14 +58,14 @@ def write_ssp(system: System, target: str | Path, *, integers: bool = False) -> 
 
 
 def resource_names(system: System) -> dict[Path, str]:
-    """A file name for each FMU of the system; different FMUs of one name are told apart by a number."""
+    """A file name for each FMU of the system. Different FMUs of the same name get a number."""
     return unique_names(instance.fmu.path for instance in system.instances)
 
 
 def lost_elsewhere(system: System, *, integers: bool = False) -> list[str]:
-    """What other tools do not do when they run the .ssp of this system, a sentence each.
+    """The parts of this system that other tools ignore when they run its .ssp, as one sentence each.
 
-    ``integers`` tells that its FMUs declare enumerations as whole numbers.
+    ``integers``: the FMUs in the .ssp declare enumerations as integers.
     """
     lost: list[str] = []
     own = own_connections(system)
@@ -93,20 +93,20 @@ def lost_elsewhere(system: System, *, integers: bool = False) -> list[str]:
 
 
 def own_connections(system: System) -> list[Connection]:
-    """The connections that SSP has no word for: all of an input that gets a record, a sum or noise."""
+    """The connections that SSP cannot express: all connections to inputs that get a record, a sum or noise."""
     targets = {c.target for c in system.connections if c.noise is not None or _is_own(system, c)}
     return [connection for connection in system.connections if connection.target in targets]
 
 
 def _is_own(system: System, connection: Connection) -> bool:
-    """Whether other tools cannot do a connection even in part."""
+    """Whether SSP cannot express a connection even in part: it belongs to a sum, or its source is a record."""
     records = {signal.name for signal in system.signals}
     same = [c for c in system.connections if c.target == connection.target]
     return len(same) > 1 or connection.source[0] in records
 
 
 def structure(system: System, sources: Mapping[Path, str]) -> bytes:
-    """SystemStructure.ssd of a system; ``sources`` gives the path of each FMU and record relative to it."""
+    """The content of SystemStructure.ssd; ``sources`` gives the path of each FMU and record relative to this file."""
     for prefix, uri in NAMESPACES.items():
         ElementTree.register_namespace(prefix, uri)
     root = ElementTree.Element(
@@ -140,7 +140,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
         _transformation(element, connection)
     if not len(connections):
         top.remove(connections)
-    # OMSimulator reads no system that does not name its master, and takes a tolerance left out as 0.
+    # OMSimulator does not read a system without its own FixedStepMaster. It takes a missing tolerance as 0.
     holder = _sub(_sub(_sub(top, "ssd:Annotations"), "ssc:Annotation", type="org.openmodelica"), "oms:Annotations")
     tolerance = "1e-8" if system.tolerance is None else repr(system.tolerance)
     master = {"description": "oms-ma", "stepSize": str(system.step_size), "relativeTolerance": tolerance}
@@ -153,7 +153,7 @@ def structure(system: System, sources: Mapping[Path, str]) -> bytes:
 def _component(
     elements: ElementTree.Element, instance: Instance, source: str, step_size: Decimal, units: dict[str, Fmu]
 ) -> None:
-    """An instance with its connectors and start values; the units that it uses are added to ``units``."""
+    """Add an instance with its connectors and start values. The units that it uses are added to ``units``."""
     fmu = instance.fmu
     component = _sub(
         elements,
@@ -183,7 +183,10 @@ def _component(
 
 
 def _experiment(root: ElementTree.Element, system: System, sources: Mapping[Path, str]) -> None:
-    """Times for every tool, and in annotations the step for libcosim and what only this project reads."""
+    """Add the DefaultExperiment: start and stop time for every tool, and annotations.
+
+    One annotation has the step size for libcosim; the other has the entries that only this project reads.
+    """
     experiment = _sub(root, "ssd:DefaultExperiment", startTime=str(system.start_time), stopTime=str(system.stop_time))
     holder = _sub(experiment, "ssd:Annotations")
     algorithm = _sub(_sub(holder, "ssc:Annotation", type="com.opensimulationplatform"), "osp:Algorithm")
@@ -204,10 +207,10 @@ def _experiment(root: ElementTree.Element, system: System, sources: Mapping[Path
 
 
 def _transformation(element: ElementTree.Element, connection: Connection) -> None:
-    """How a connection changes its values.
+    """Write the factor and offset of a connection.
 
-    A conversion of units is written as the transformation that it is: not every importer converts. An annotation
-    keeps what was stated.
+    A conversion of units is written as a LinearTransformation, because not every importer converts units. An annotation
+    keeps the factor and offset of the system file.
     """
     factor, offset = connection.factor, connection.offset
     if connection.units != "same":
@@ -223,7 +226,7 @@ def _transformation(element: ElementTree.Element, connection: Connection) -> Non
 
 
 def parameter_set(fmu: Fmu, start: Mapping[str, Value]) -> ElementTree.Element:
-    """An SSV ParameterSet. Enumerations are written as Integer: some importers end at the name of an item."""
+    """An SSV ParameterSet. Enumerations are written as Integer, because some importers fail at the name of an item."""
     root = ElementTree.Element(tag("ssv:ParameterSet"), {"version": "1.0", "name": PARAMETER_SET})
     parameters = _sub(root, "ssv:Parameters")
     units: dict[str, Fmu] = {}

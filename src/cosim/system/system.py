@@ -2,8 +2,8 @@
 
 A system file is TOML::
 
-    base = "common.toml"                      # optional: a file of the same folder that this one completes, or a
-                                              # system that comes with cosim, such as "shams2010/fsmc_5sin"
+    base = "common.toml"                      # optional: the file that this file completes; it is in the same folder,
+                                              # or is a system that comes with cosim, such as "shams2010/fsmc_5sin"
     description = "Two lags in a row"
     connections = [
         "source.position -> controller.position_ref",
@@ -16,7 +16,7 @@ A system file is TOML::
     stop_time = 10.0                           # may be left out where a record ends the run
     step_size = 1e-4                           # or a fraction: "1/30"
     order = ["source", "controller", "plant"]  # or "sequential" (default: derived), or "parallel"
-    tolerance = 1e-6                           # optional, told to every FMU instead of its own
+    tolerance = 1e-6                           # optional; every FMU gets it in place of its own tolerance
 
     [instances.plant]
     fmu = "BallscrewStage"                     # in the FMU folder; or a path to an .fmu, relative to this file
@@ -31,34 +31,37 @@ A record of a machine, or of another run, feeds inputs as an FMU does: ``"log.po
 
     [signals.log]
     file = "stage.csv"                         # .csv (.txt, .tsv, .dat), .parquet, .mat; relative to this file
-    time = "t"                                 # default: the column called time or t; or sampling_time = 1e-3
-    time_unit = "ms"                           # default: what the file says, s if it does not
-    start_time = 12.5                          # time of the record at the start of the run; default: the same clock
+    time = "t"                                 # default: the column time, t or zeit; or sampling_time = 1e-3
+    time_unit = "ms"                           # default: the unit in the file, else s
+    start_time = 12.5                          # time of the record at the start of the run; default: record and run
+                                               # have the same time
     interpolation = "hold"                     # or "linear"
-    extend = "hold"                            # beyond its ends; or "repeat", or "stop": the run ends with the record
+    extend = "hold"                            # before and after the record; or "repeat"; or "stop": the run ends with
+                                               # the record
 
     [signals.log.columns]                      # default: all columns by their names
     position = "x"
-    force = { column = "current", factor = 2.1, offset = 0.0, unit = "N" }   # unit: that behind factor and offset
+    force = { column = "current", factor = 2.1, offset = 0.0, unit = "N" }   # unit: after factor and offset
     reference = { column = "r", unit = "m", derivatives = 2, smoothing = { window = 0.01, polynomial = 3 } }
 
-A record acts in samples: an input gets the value at t_k, held or interpolated, over the step that begins there.
-``derivatives`` are ``log.der(reference)`` and ``log.der(reference,2)``; ``smoothing`` must be said: ``"none"`` takes
-central differences, a table fits a polynomial to the samples in ``window`` seconds (Savitzky and Golay 1964). The
-values themselves are not smoothed. Where a record holds its first or last sample its derivatives are 0. A record that
-repeats itself goes from its last sample to its first in one usual step. Recorded names are ``log.position``.
+A record acts as a sampled signal: over the step that begins at t_k, an input gets the value at t_k. This value is held
+or interpolated. ``derivatives = 2`` adds the signals ``log.der(reference)`` and ``log.der(reference,2)``. Then
+``smoothing`` is required: ``"none"`` takes central differences; a table fits a polynomial to the samples in ``window``
+seconds (Savitzky and Golay 1964). Only the derivatives are smoothed, not the values. Before and after a record that
+holds its values there, the derivatives are 0. A record that repeats itself goes from its last sample to its first in
+one usual step. The names of signals in results are ``log.position``.
 
 Several sources of one input make a sum, and an input may get noise::
 
     { from = ["motor.torque", "log.force"], to = "plant.command", factors = [1.0, -1.0], offset = 0.0 }
     { from = "plant.position", to = "controller.position", noise = { rms = 2e-9, seed = 1 } }
 
-``units`` and ``offset`` are as in other connections, factors of 1 and -1 convert nothing. Noise is normal and white,
-``rms`` in the unit of the input, with a new value each communication step: the same for the same ``seed``, however
-the run is made. Signals are changed as start values are: ``--set log.file=other.csv``.
+``units`` and ``offset`` are as in other connections; factors of 1 and -1 do not convert units. Noise is normal and
+white, with ``rms`` in the unit of the input and a new value each communication step. The same ``seed`` gives the same
+noise in every run. Signals are changed like start values: ``--set log.file=other.csv``.
 
-Everything that can be wrong is found here, before any FMU is started, and reported at once. Times and step sizes
-stay decimals, so that ``0.1`` divides ``1.0``.
+All problems are found before any FMU is started, and reported at once. Times and step sizes are kept as decimals, so
+that ``0.1`` divides ``1.0``.
 """
 
 from __future__ import annotations
@@ -99,9 +102,9 @@ class System:
     record: tuple[tuple[str, str], ...]
     decimation: int
     notes: tuple[str, ...]
-    """What is legal but worth knowing."""
+    """Remarks on things that are legal but may surprise."""
     notes_of_file: tuple[str, ...] = field(repr=False)
-    """Those of ``notes`` that were found while the file was read."""
+    """The part of ``notes`` that was found while the file was read."""
     digest: str
     """SHA-256 of everything that decides the results: FMUs, start values, connections, experiment."""
     document: Mapping[str, Any] = field(repr=False)
@@ -114,14 +117,14 @@ class System:
         return self.order == "parallel"
 
     def instance(self, name: str) -> Instance:
-        """The instance of that name. Raises DescriptionError."""
+        """The instance called ``name``. Raises DescriptionError if there is none."""
         for instance in self.instances:
             if instance.name == name:
                 return instance
         raise DescriptionError(f"{self.name}: no instance '{name}'.{suggest(name, (i.name for i in self.instances))}")
 
     def variable(self, instance: str, name: str) -> Variable:
-        """A variable of an instance, or a column of a signal. Raises DescriptionError."""
+        """A variable of an instance, or a column of a signal. Raises DescriptionError if there is none."""
         signal = next((signal for signal in self.signals if signal.name == instance), None)
         fmu: Ports = self.instance(instance).fmu if signal is None else signal
         if name not in fmu.variables:
@@ -138,7 +141,10 @@ class System:
         record: Sequence[str] | None = None,
         decimation: int | None = None,
     ) -> System:
-        """The same system with other start values (``{"plant.m": 70.0}``) or another experiment, checked again."""
+        """The same system with other start values (``{"plant.m": 70.0}``) or another experiment, checked again.
+
+        Times are in s. Raises DescriptionError with all problems.
+        """
         document, problems = changed_document(
             self.document,
             self.name,
@@ -158,7 +164,7 @@ class System:
         )
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
-        """Start values by instance, if they are right and the rest of the system cannot depend on them."""
+        """Start values by instance; None if one is wrong, or if the rest of the system may depend on one."""
         starts: dict[str, dict[str, Value]] = {}
         for path, given in overrides.items():
             name, _, variable_name = path.partition(".")
@@ -174,7 +180,10 @@ class System:
         return starts
 
     def _with_starts(self, starts: Mapping[str, Mapping[str, Value]], document: Mapping[str, Any]) -> System:
-        """What ``make_system`` gives for ``document``, without checking again what start values cannot change."""
+        """The same system as ``make_system`` gives for ``document``, but only the start values are new.
+
+        Start values cannot change the other checks. Therefore these are not repeated.
+        """
         instances = {
             i.name: replace(i, start={**i.start, **starts[i.name]}) if i.name in starts else i for i in self.instances
         }
@@ -203,12 +212,13 @@ def read_system(
     record: Sequence[str] | None = None,
     decimation: int | None = None,
 ) -> System:
-    """Read and check the system at ``path`` (.toml, .ssp, .ssd); ``fmus`` is the folder of FMUs given by name.
+    """Read and check the system at ``path`` (.toml, .ssp, .ssd).
 
     A system that comes with cosim can be given by name, such as "shams2010/fsmc_5sin". An FMU, by path or name, is a
-    system of one instance with the experiment that its file suggests; overrides may leave the instance out.
-    ``overrides`` replaces start values (``{"plant.m": 70.0}``), the other arguments the experiment's.
-    Raises DescriptionError with every problem found.
+    system of one instance with the DefaultExperiment of its file; its ``overrides`` need no instance name.
+    ``fmus`` is the folder of FMUs given by name. ``overrides`` replaces start values (``{"plant.m": 70.0}``). The other
+    arguments replace entries of the experiment and the record; times are in s.
+    Raises DescriptionError with all problems.
     """
     folder_of_fmus = None if fmus is None else Path(fmus)
     path = find_system(str(path), folder_of_fmus)
@@ -237,12 +247,16 @@ def read_system(
 def make_system(
     document: Mapping[str, Any], *, name: str = "system", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> System:
-    """Check a system given as nested tables, as a system file holds them. ``folder`` is where its paths start."""
+    """Check a system given as nested tables with the keys of a system file.
+
+    ``name`` is used in messages. Relative paths start in ``folder``; ``fmus`` is the folder of FMUs given by name.
+    Raises DescriptionError with all problems.
+    """
     return System(**checked_fields(document, name, Path(folder), None if fmus is None else Path(fmus)))
 
 
 def _read_ssp(path: Path) -> tuple[dict[str, Any], Path, tuple[str, ...]]:
-    from .ssp_read import read_ssp  # reads XML schemas: only where one is needed
+    from .ssp_read import read_ssp  # loads lxml: only for an SSP
 
     found = read_ssp(path)
     return found.document, found.folder, tuple(found.notes)

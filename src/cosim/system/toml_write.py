@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 def write_system(system: System, target: str | Path) -> Path:
-    """Write a system as a TOML file, its FMUs into the folder STEM_fmus beside it, records into STEM_records.
+    """Write a system as a TOML file. Raises FileError.
 
-    Raises FileError.
+    FMUs are copied into the folder STEM_fmus beside it, records into the folder STEM_records.
     """
     target = Path(target)
     names = resource_names(system)
@@ -36,7 +36,7 @@ def write_system(system: System, target: str | Path) -> Path:
 
 
 def document(system: System, sources: Mapping[Path, str]) -> dict[str, Any]:
-    """A system as the keys of a system file; ``sources`` gives the path of each FMU and record relative to it."""
+    """A system with the keys of a system file; ``sources`` gives the relative path of each FMU and record."""
     return {
         **({"description": system.description} if system.description else {}),
         "connections": connection_entries(system.connections),
@@ -59,7 +59,7 @@ def document(system: System, sources: Mapping[Path, str]) -> dict[str, Any]:
 
 
 def _gathered(fmu: Fmu, start: Mapping[str, Value]) -> Iterator[tuple[str, object]]:
-    """Start values with complete arrays gathered and enumerations by name."""
+    """Start values, with a list for each complete array, and enumerations as item names."""
     whole = {
         element: name
         for name, array in fmu.arrays.items()
@@ -83,7 +83,7 @@ def _item(fmu: Fmu, name: str, value: Value) -> Value:
 
 
 def _nested(values: Sequence[object], shape: Sequence[int]) -> list[object]:
-    """A flat list as nested lists, the last index fastest."""
+    """A flat list as nested lists of the given shape; the last index changes fastest."""
     if len(shape) == 1:
         return list(values)
     size = len(values) // shape[0]

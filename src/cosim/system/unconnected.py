@@ -1,4 +1,4 @@
-"""Inputs that nothing feeds: at which value each stays, and which output would fit it."""
+"""Inputs that are not connected: the value at which each stays, and the outputs that would fit it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Input = tuple[str, str]
 
 
 def unconnected_inputs(system: System) -> dict[Input, str]:
-    """Every input that nothing feeds, and the value at which it stays."""
+    """Every input that is not connected, and the value at which it stays, as text."""
     connected = {connection.target for connection in system.connections}
     found: dict[Input, str] = {}
     for instance in system.instances:
@@ -29,10 +29,11 @@ def unconnected_inputs(system: System) -> dict[Input, str]:
 
 
 def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
-    """The inputs that look forgotten, and the outputs that would fit each, the best one first.
+    """The inputs that were probably forgotten. For each, the outputs that would fit it, the best one first.
 
-    Nothing feeds such an input, the system gives it no start value, and an output of its name, type and unit would make
-    no algebraic loop. A source, which has no inputs, fits references only: its output ``x`` fits the input ``x_ref``.
+    Such an input is not connected and has no start value in the system. An output fits if it has the same name, type
+    and unit, and makes no algebraic loop. A source is an FMU without inputs. It fits only references: its output ``x``
+    fits the input ``x_ref``.
     """
     instances = {instance.name: instance for instance in system.instances}
     connected = sources(system.connections)
@@ -47,7 +48,7 @@ def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
             if not find_loop(instances, {**connected, target: (source,)})
         ]
         if fitting:
-            # Of two axes, the one of the same ending: plant_x for controller_x.
+            # With several axes, prefer the instance whose name ends the same: plant_x for controller_x.
             fitting.sort(key=lambda source: source[0].rpartition("_")[2] != name.rpartition("_")[2])
             found[target] = tuple(".".join(source) for source in fitting)
     return found

@@ -1,4 +1,4 @@
-"""Values of system files: read as decimals, checked against the variable they are for."""
+"""Values of system files: read as decimals and checked against their variable."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
 
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-"""A number as people type it; TOML wants a digit on both sides of the point and no leading zeros."""
+"""A number as people type it. TOML is stricter: it needs digits on both sides of the point, and no leading zeros."""
 
 
 RANGES = {
@@ -25,15 +25,18 @@ RANGES = {
     **{f"Int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
     **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
 }
-"""Least and largest number of the types of FMI for whole numbers."""
+"""Smallest and largest value of each integer type of FMI."""
 
 
 WHOLE = 4e-15
-"""Relative distance from a whole number that 16 digits of a fraction such as 1/30 leave."""
+"""Largest relative distance from a whole number.
+
+A fraction such as 1/30, written with 16 digits, causes about such a distance.
+"""
 
 
 def parse_settings(items: Sequence[str]) -> dict[str, object]:
-    """Start values typed at a prompt, ``plant.m=70`` each. Raises DescriptionError with every one that is wrong."""
+    """Start values from the command line, such as ``plant.m=70``. Raises DescriptionError with all wrong ones."""
     values: dict[str, object] = {}
     problems: list[str] = []
     for item in items:
@@ -50,7 +53,7 @@ def parse_settings(items: Sequence[str]) -> dict[str, object]:
 
 
 def parse_value(text: str) -> object:
-    """A value typed at a prompt: a number, what TOML reads it as, else the text itself (an enumeration item)."""
+    """A value from the command line: a number, else a TOML value, else the text itself (an enumeration item)."""
     if _NUMBER.fullmatch(text):
         return Decimal(text)
     try:
@@ -60,7 +63,7 @@ def parse_value(text: str) -> object:
 
 
 def flat_table(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values: TOML reads ``nct.error = [...]`` as a table in a table."""
+    """Full names and values of nested tables. TOML reads ``nct.error = [...]`` as a table in a table."""
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from flat_table(cast("Mapping[str, Any]", value), f"{prefix}{key}.")
@@ -69,7 +72,7 @@ def flat_table(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
 
 
 def decimal(value: object) -> Decimal | None:
-    """``value`` as a decimal if it is a number; floats as they are written."""
+    """``value`` as a Decimal; None if it is not a number. A float is taken with the digits of its ``repr``."""
     if isinstance(value, bool):
         return None
     if isinstance(value, Decimal):
@@ -85,7 +88,7 @@ def decimal(value: object) -> Decimal | None:
 
 
 def fraction(value: object) -> Fraction | None:
-    """A finite number as it is written, or a text such as ``"1/30"``; None for everything else."""
+    """A finite number, exactly as it is written, or a text such as ``"1/30"``; None for everything else."""
     if isinstance(value, str):
         match = _FRACTION.fullmatch(value)
         return Fraction(match[1]) / Fraction(match[2]) if match and Fraction(match[2]) else None
@@ -94,7 +97,7 @@ def fraction(value: object) -> Fraction | None:
 
 
 def whole(ratio: Fraction) -> int | None:
-    """The whole number that ``ratio`` is, up to the rounding of 16 digits; None if it is none from 1 on."""
+    """The whole number of at least 1 that ``ratio`` equals up to rounding (``WHOLE``); None if there is none."""
     nearest = round(ratio)
     return nearest if nearest > 0 and abs(ratio / nearest - 1) <= WHOLE else None
 
@@ -109,7 +112,7 @@ def show_value(value: object) -> str:
 
 
 def show_start(variable: Variable, value: Value) -> str:
-    """A checked start value for people: enumerations by name, numbers with their unit."""
+    """A checked start value as text for the user: an enumeration as its item name, a number with its unit."""
     item = next((name for name, number in variable.items.items() if number == value), None)
     if item is not None:
         return item
@@ -117,17 +120,17 @@ def show_start(variable: Variable, value: Value) -> str:
 
 
 def unit_suffix(variable: Variable) -> str:
-    """The unit of a variable behind a number, empty without one."""
+    """The unit of a variable with a blank before it, to write after a number; "" without a unit."""
     return f" {variable.unit}" if variable.unit and variable.unit != "1" else ""
 
 
 def is_numeric(variable: Variable) -> bool:
-    """Whether a variable holds numbers: everything but texts."""
+    """Whether a variable holds numbers: all types except String, Binary and Clock."""
     return variable.type not in ("String", "Binary", "Clock")
 
 
 def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
-    """The start value for ``variable``, or what is wrong with it."""
+    """The start value for ``variable`` and ""; or None and a sentence about what is wrong with it."""
     kind, unit = variable.type, unit_suffix(variable)
     if kind == "String":
         return (

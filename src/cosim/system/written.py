@@ -1,4 +1,4 @@
-"""Connections and signals of a checked system as a system file has them, so that reading gives the same ones."""
+"""Writes connections and signals of a checked system with the keys of a system file. Reading them gives the same."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def connection_entries(connections: Sequence[Connection]) -> list[str | dict[str, Any]]:
-    """The entries of the list ``connections``; the addends of a sum are one."""
+    """The entries of the list ``connections``; all connections of a sum are one entry."""
     groups: dict[tuple[str, str], list[Connection]] = {}
     for connection in connections:
         groups.setdefault(connection.target, []).append(connection)
@@ -47,19 +47,19 @@ def _entry(group: Sequence[Connection]) -> str | dict[str, Any]:
 
 
 def arrow(connection: Connection) -> str | None:
-    """``a.y -> b.u`` for ends that ``read_connections`` reads back from it, else None."""
+    """The text ``a.y -> b.u``; None if ``read_connections`` could not read the two ends back from it."""
     source, target = (".".join(end) for end in (connection.source, connection.target))
     plain = all("->" not in end and end == end.strip() for end in (source, target))
     return f"{source} -> {target}" if plain else None
 
 
 def record_names(system: System) -> dict[Path, str]:
-    """A file name for each record of the system; different records of one name are told apart by a number."""
+    """A file name for each record of the system. Different records of the same name get a number."""
     return unique_names(signal.path for signal in system.signals)
 
 
 def record_files(names: Mapping[Path, str]) -> dict[str, Path]:
-    """The files to write for records of such names: with each the description of a CSV file of a run, if it has one."""
+    """The files to write for the records ``names``: new file name -> file. Includes the description of a CSV record."""
     files = {name: path for path, name in names.items()}
     for path, name in names.items():
         if description_path(path).is_file():
@@ -68,7 +68,7 @@ def record_files(names: Mapping[Path, str]) -> dict[str, Path]:
 
 
 def unique_names(paths: Any) -> dict[Path, str]:
-    """A file name for each path; different files of one name are told apart by a number."""
+    """A file name for each path. Different files of the same name get a number."""
     names: dict[Path, str] = {}
     for path in paths:
         name, number = path.name, 1

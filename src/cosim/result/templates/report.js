@@ -1,4 +1,4 @@
-// Draws the charts of the page from the JSON beside each.
+// Draws the charts of the page. The data of each chart are JSON in the script element beside it.
 "use strict";
 (() => {
   const palette = JSON.parse(document.getElementById("colours").textContent);
@@ -12,7 +12,7 @@
     return new Float64Array(bytes.buffer);
   }
 
-  // Names may hold what plotly takes for markup.
+  // Names may contain characters that plotly would read as markup.
   const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;");
 
   function colours() {
@@ -55,7 +55,7 @@
       const key = keys.pop();
       keys.reduce((node, name) => (node[name] ??= {}), layout)[key] = value;
     }
-    // Named one by one: others of plotly's buttons send data away.
+    // Only these buttons, because some of plotly's other buttons send data away.
     const buttons = [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "autoScale2d"]];
     const options = { responsive: true, displaylogo: false, modeBarButtons: buttons, plotlyServerURL: "" };
     return Plotly.newPlot(place, traces, layout, options);
@@ -88,7 +88,7 @@
   const charts = [...document.querySelectorAll("figure.chart")].map((figure) => {
     const data = JSON.parse(figure.querySelector("script.data").textContent);
     const parent = figure.querySelector(".plots");
-    // All places are there before the first is drawn: a drawing has the size that its place has then.
+    // All places are made before the first panel is drawn, because a panel keeps the size that its place has then.
     const places = data.panels.map((panel, i) => {
       const place = document.createElement("div");
       place.className = i === data.panels.length - 1 ? "panel last" : "panel";
