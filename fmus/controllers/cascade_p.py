@@ -16,9 +16,9 @@ class CascadeP(Controller):
         velocity = (mean[k] - mean[k-1])/T_s = (position[k] - position[k-2])/(2*T_s)
         command  = K_vel*(K_pos*error - velocity), limited to command_max
 
-    The mean of two positions halves the noise that a difference makes of an encoder's resolution, and adds half a
-    sample of delay. Before the first sample the axis is taken to stand where it stands then. A positive command drives
-    towards positive position.
+    A difference of positions turns the resolution of an encoder into noise. The mean of two positions halves this noise
+    and adds half a sample of delay. Before the first sample the axis is assumed to rest at its first position. A
+    positive command drives towards positive position.
 
     Source: Janot, Gautier & Brunot, Data set and reference models of EMPS, Workshop on Nonlinear System Identification
     Benchmarks, 2019 (position and velocity loop; the start values are its gains). The mean of two positions was found

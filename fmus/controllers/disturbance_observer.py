@@ -9,7 +9,7 @@ from fmus.physics.sampling import VelocitySource, measured_velocity
 
 
 class ForceTiming(Choice):
-    """Which sample's force the input applied_force brings."""
+    """The sample whose force the input applied_force holds."""
 
     before = 1, "That of the sample before: the controller runs after the observer"
     present = 2, "That of this sample: the importer passes outputs on before it steps"
@@ -23,13 +23,14 @@ class DisturbanceObserver(Controller):
         disturbance_estimate[k] = g*m_hat*velocity[k] - y[k]
         y[k+1] = E*y[k] + (1 - E)*(applied_force[k] - b_hat*velocity[k] + g*m_hat*velocity[k]),   E = exp(-g*T_s)
 
-    y starts so that the first estimate is 0. The estimate is the force that pushes towards positive position beyond
-    applied_force; controllers subtract it, and friction, which opposes motion, is estimated negative for positive
-    velocity. (Observers of a load force have the opposite sign and are added.) applied_force is the whole realised
-    force of the motor, limited and with the correction by this estimate in it: a controller's ``force``.
+    y starts so that the first estimate is 0. The estimate is the force that pushes towards positive position in
+    addition to applied_force. Controllers subtract it. Friction opposes motion, so its estimate is negative for
+    positive velocity. (Observers of a load force have the opposite sign and are added.) applied_force is the whole
+    realised force of the motor, after the limit and including the correction by this estimate: a controller's
+    ``force``.
 
     The estimate does not depend on applied_force of the same sample, so there is no algebraic loop with the
-    controller. In the loop the force of a sample is known only after the estimate: in a master that runs the observer
+    controller. But the force of a sample is known only after the estimate: in a master that runs the observer
     before the controller, or all in parallel, the input brings the force of the sample before. With force_timing
     before, y is then kept exact, and only the last increment of the estimate uses a force one sample older, an error
     of (1 - E) times the change of the force within a sample.
@@ -80,7 +81,7 @@ class DisturbanceObserver(Controller):
         )
 
     def filtered(self, y: float, force: float, velocity: float) -> float:
-        """``y`` a sample later."""
+        """The filter state ``y`` one sample later [N]."""
         E = exp(-self.g * self.T_s)
         return E * y + (1.0 - E) * (force + (self.g * self.m_hat - self.b_hat) * velocity)
 

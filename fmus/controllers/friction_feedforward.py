@@ -18,10 +18,11 @@ class FrictionFeedforward(Controller):
         friction_hat = sigma_0_hat*z[k] + sigma_1_hat*(z[k] - z[k-1])/T_s + sigma_2_hat*v
         command      = force + share*friction_hat
 
-    It stands between a controller and its plant: positive force and positive friction_hat drive towards positive
-    position. It is the friction model of the sliding-mode controllers, in N and m at the table. Only the reference
-    enters it, so it cannot make a loop unstable. It repeats the limits of LuGre: where the reference rests, the
-    friction of the last motion is kept. Do not give sigma_2_hat to a controller that cancels viscous friction itself.
+    The component stands between a controller and its plant: positive force and positive friction_hat drive towards
+    positive position. The friction model is that of the sliding-mode controllers, in N and m at the table. Its only
+    input is the reference, so it cannot make a loop unstable. It has the limits of LuGre friction: while the reference
+    rests, the friction of the last motion is kept. Do not give sigma_2_hat to a controller that cancels viscous
+    friction itself.
 
     Source: Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with friction, IEEE Trans.
     Automatic Control 40(3), 1995, sec. IV; Armstrong-Helouvry, Dupont, Canudas de Wit, A survey of models, analysis
@@ -55,7 +56,7 @@ class FrictionFeedforward(Controller):
         return (rising_note(self.F_C_hat, self.F_S_hat, "N", "F_C_hat", "F_S_hat"),)
 
     def bristles(self, x: State, u: Input) -> tuple[float, float]:
-        """Deflection in the friction model before and at this sample [m]."""
+        """Deflection in the friction model at the previous sample and at this sample [m]."""
         level = friction_level(u.velocity_ref, self.F_C_hat, self.F_S_hat, self.v_s_hat)
         last = where(x.started > 0.5, x.bristle, sign(u.velocity_ref) * level / self.sigma_0_hat)
         return last, observer_step(last, u.velocity_ref, level, self.sigma_0_hat, self.T_s)

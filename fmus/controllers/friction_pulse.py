@@ -25,7 +25,7 @@ NODES = 60
 
 
 class Mode(Choice):
-    """Whether there are pulses, and where their height and length come from."""
+    """Whether there are pulses, and the origin of their amplitude and duration."""
 
     off = 1, "No pulses"
     fixed = 2, "Amplitude A and duration T"
@@ -37,7 +37,7 @@ def _geometric(first: float, last: float) -> tuple[float, ...]:
 
 
 def _log_nodes(points: tuple[tuple[float, float], ...]) -> tuple[float, ...]:
-    """Values at ``ACCELERATIONS``, linear over the logarithm of the acceleration between ``points``."""
+    """Values at ``ACCELERATIONS``, interpolated between ``points`` linearly over the logarithm of the acceleration."""
     x = tuple(log(acceleration) for acceleration, _ in points)
     y = tuple(value for _, value in points)
     return tuple(interpolate(log(acceleration), x, y) for acceleration in ACCELERATIONS)

@@ -18,7 +18,7 @@ from fmus.physics.sampling import VelocitySource, measured_velocity, saturate
 
 
 class Variant(Choice):
-    """What the compensator compares the NCT with."""
+    """The velocity with which the compensator compares the NCT."""
 
     proposed = 1, "Error rate: the reference's velocity less the stage's"
     existing = 2, "Velocity of the stage"

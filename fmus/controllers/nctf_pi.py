@@ -24,8 +24,8 @@ class NctfPi(Controller):
     compute_delay = 1 the command of a sample is applied one sample later. Made for point-to-point moves: the
     reference's velocity is not used, so a moving reference is followed with a lag.
 
-    Valid limits of the table: how the 128 nodes are laid decides between 150 nm and 2.2 um of the reaching phase, since
-    the rate between two nodes is a straight line. Lay them dense where the moves are judged.
+    Valid limits of the table: the rate between two nodes is a straight line, so the error of the reaching phase depends
+    on the places of the 128 nodes: between 150 nm and 2.2 um. Place the nodes densely where the moves are judged.
 
     Start values: K_P = 2*zeta*omega_n/(alpha*K), K_I = omega_n^2/(alpha*K) with omega_n*T_s = 0.25, alpha = 505 1/s,
     K = 32.3 mm/(A.s) and zeta at 40 % of the practical stability limit; the NCT of 6 A for 0.1 s.

@@ -1,4 +1,4 @@
-"""What the rigid ballscrew plants share: everything but the law of friction."""
+"""The parts that the rigid ballscrew plants have in common: everything except the law of friction."""
 
 from __future__ import annotations
 
@@ -37,13 +37,14 @@ from fmus.physics.sampling import saturate
 
 TWO_PI = 6.283185307179586
 FLANK = 1e-9
-"""A table this part of the whole play away from a flank counts as resting on it."""
+"""A table counts as touching a flank of the play if its distance is below this share of the whole play."""
 
 
 def contact_rules(prefix: str, F_C: float, F_S: float, F_C_negative: float, F_S_negative: float) -> tuple[Rule, ...]:
-    """F_C and F_S of a contact are both positive or both 0, in both directions: the level never falls to 0 alone.
+    """Rules of a contact: F_C and F_S are both positive or both 0, in each direction.
 
-    ``prefix`` stands before the names F_C and F_S in the texts.
+    Otherwise the friction level would be 0 in sliding only or at standstill only. ``prefix`` stands before the names
+    F_C and F_S in the texts.
     """
 
     def rules(coulomb: float, static: float, C: str, S: str) -> tuple[Rule, ...]:
@@ -68,7 +69,7 @@ def contact_rules(prefix: str, F_C: float, F_S: float, F_C_negative: float, F_S_
 
 
 def drift_rule(drift_amplitude: float, drift_frequency: float) -> Rule:
-    """A drift has a frequency."""
+    """Rule of the drift of friction: a drift with an amplitude needs a frequency."""
     return Rule(
         either(drift_amplitude <= 0.0, drift_frequency > 0.0),
         "drift_amplitude needs a drift_frequency. Set it above 0.",
@@ -152,19 +153,19 @@ class RigidBallscrew(Plant):
         return rising_notes(self.F_C, self.F_S, self.F_C_negative, self.F_S_negative, unit="N.m")
 
     def least_level(self) -> float:
-        """The least that ``level`` falls to at any time and speed [N.m]."""
+        """The smallest value of ``level`` at any time and speed [N.m]."""
         forward = minimum(self.F_C, self.F_S)
         backward = minimum(self.F_C * self.F_C_negative, self.F_S * self.F_S_negative)
         return self.friction_scale * (1.0 - self.drift_amplitude) * minimum(forward, backward)
 
     def level(self, t: float, speed: float) -> float:
-        """Magnitude of the friction torque without its viscous part, in steady sliding at ``speed``."""
+        """Magnitude of the friction torque without viscous part, in steady sliding at ``speed`` [N.m]."""
         F_C = where(speed < 0.0, self.F_C * self.F_C_negative, self.F_C)
         F_S = where(speed < 0.0, self.F_S * self.F_S_negative, self.F_S)
         return self.normal_load(t) * friction_level(speed, F_C, F_S, self.v_s)
 
     def normal_load(self, t: float) -> float:
-        """Factor of F_C and F_S that scale and drift make."""
+        """Factor on F_C and F_S at the time ``t``, from friction_scale and drift."""
         return self.friction_scale * (1.0 + self.drift_amplitude * sin(TWO_PI * self.drift_frequency * t))
 
     def viscous(self, speed: float) -> float:
@@ -181,15 +182,15 @@ class RigidBallscrew(Plant):
         return saturate(u.command, self.command_max)
 
     def nut(self, angle: float) -> float:
-        """Travel of the nut [m]; that of a lead without error unless overridden."""
+        """Travel of the nut [m] for a lead without error; plants with lead errors override it."""
         return self.l_p * angle
 
     def nut_velocity(self, x: Any) -> float:
-        """Velocity of the nut [m/s]; that of a lead without error unless overridden."""
+        """Velocity of the nut [m/s] for a lead without error; plants with lead errors override it."""
         return self.l_p * x.speed
 
     def pushed(self, x: State) -> float:
-        """Position of the table: where it was, unless a flank of the play pushes it."""
+        """Position of the table [m]: unchanged, unless a flank of the play pushes the table."""
         nut = self.nut(x.angle)
         return clip(x.table, nut - self.play_positive, nut + self.play_negative)
 
@@ -207,7 +208,7 @@ class RigidBallscrew(Plant):
         return where(moves, self.nut_velocity(x), 0.0)
 
     def measured(self, x: State, torque: float) -> Output:
-        """The outputs, the position as an encoder without interpolation error gives it."""
+        """The outputs, with the position from an encoder without interpolation error."""
         position = self.pushed(x)
         return self.Output(
             position=round_to(position, self.resolution),
@@ -244,7 +245,7 @@ class BristleBallscrew(RigidBallscrew):
         return self.bristle_start * steady_bristle(speed, self.level(0.0, speed), self.sigma_0)
 
     def torque(self, x: State, rate: float) -> float:
-        """Friction torque where the bristle moves at ``rate`` [N.m]."""
+        """Friction torque [N.m] while the deflection of the bristle changes at ``rate`` [rad/s]."""
         return friction(
             x.bristle,
             rate,
@@ -255,6 +256,6 @@ class BristleBallscrew(RigidBallscrew):
         )
 
     def lugre(self, x: State, level: float) -> tuple[float, float]:
-        """Rate of the bristle and friction torque of LuGre friction with ``level``."""
+        """Rate of the bristle [rad/s] and friction torque [N.m] of LuGre friction with ``level`` [N.m]."""
         rate = bristle_rate(x.bristle, x.speed, level, self.sigma_0)
         return rate, self.torque(x, rate)

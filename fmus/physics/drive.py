@@ -4,7 +4,8 @@
     abs(R*current + back) <= voltage_max                                no limit where voltage_max = 0
     ripple = sum of amplitude[i]*sin(order[i]*angle + phase[i])
 
-``back`` is the back-EMF, K_m*speed. The voltage limit acts on the current at once: the inductance is in the lag.
+``back`` is the back-EMF, K_m*speed. The voltage limit acts on the current without delay: the lag stands for the
+inductance.
 
 Source: elementary: first-order lag, Ohm's law, Fourier series.
 """
@@ -38,7 +39,7 @@ class RotaryDrive(Plant):
 
 
 def behind_lag(target: float, drive: float, lag: float) -> float:
-    """What the drive gives: its state ``drive`` behind the lag, ``target`` without a lag."""
+    """Output of the drive: its state ``drive`` if ``lag`` [s] is above 0, else ``target``."""
     return where(lag > 0.0, drive, target)
 
 
@@ -48,7 +49,10 @@ def lag_rate(target: float, drive: float, lag: float) -> float:
 
 
 def within_voltage(drive: float, per_volt: float, back: float, voltage_max: float) -> float:
-    """``drive`` within what the voltage allows: ``per_volt`` is that of a volt, 1/R as current or K_m/R as torque."""
+    """``drive`` limited by the voltage; unlimited if ``voltage_max`` is 0.
+
+    ``per_volt`` is the drive for one volt: 1/R for a current, K_m/R for a torque. ``back`` is the back-EMF [V].
+    """
     low, high = per_volt * (-voltage_max - back), per_volt * (voltage_max - back)
     return where(voltage_max > 0.0, clip(drive, low, high), drive)
 

@@ -32,7 +32,7 @@ def plastic_share(z: float, speed: float, z_ba: float, level: float, sigma_0: fl
 
 
 def elastoplastic_rate(z: float, speed: float, z_ba: float, level: float, sigma_0: float) -> float:
-    """Time derivative of the deflection ``z``; 0 where ``level`` is 0. ``level`` from ``lugre.friction_level``."""
+    """Time derivative of the deflection ``z``; 0 if ``level`` is 0. ``lugre.friction_level`` gives ``level``."""
     share = plastic_share(z, speed, z_ba, level, sigma_0)
     rate = speed - share * sigma_0 * abs(speed) * z / where(level > 0.0, level, 1.0)
     return where(level > 0.0, rate, 0.0)

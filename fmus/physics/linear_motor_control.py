@@ -1,4 +1,4 @@
-"""What the two controllers of a linear motor share."""
+"""The parts that the two controllers of a linear motor have in common."""
 
 from __future__ import annotations
 

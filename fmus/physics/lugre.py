@@ -36,29 +36,30 @@ BRISTLE_NOMINAL = 1e-5
 def friction_level(speed: float, F_C: float, F_S: float, v_s: float) -> float:
     """Magnitude of the friction of steady sliding without its viscous part, in the unit of ``F_C``.
 
-    F_C of sliding at high speed, F_S at the limit of standstill, v_s the Stribeck speed (> 0).
+    F_C is the friction of sliding at high speed, F_S at the limit of standstill; v_s > 0 is the Stribeck speed.
     """
     # e**-700 is still a normal number: the C library's exp is slow where it underflows
     return F_C + (F_S - F_C) * exp(-minimum((speed / v_s) ** 2, 700.0))
 
 
 def bristle_rate(z: float, speed: float, level: float, sigma_0: float) -> float:
-    """Time derivative of the deflection ``z``; 0 where ``level`` is 0. ``level`` from ``friction_level``."""
+    """Time derivative of the deflection ``z``; 0 if ``level`` is 0. ``friction_level`` gives ``level``."""
     rate = speed - sigma_0 * abs(speed) * z / where(level > 0.0, level, 1.0)
     return where(level > 0.0, rate, 0.0)
 
 
 def bristle_damping(speed: float, sigma_1: float, v_d: float) -> float:
-    """Damping of the bristles at ``speed``: sigma_1*exp(-(speed/v_d)^2), sigma_1 where ``v_d`` is 0."""
+    """Damping of the bristles at ``speed``: sigma_1*exp(-(speed/v_d)^2), or sigma_1 if ``v_d`` is 0."""
     # With v_d = 0 the exponent is 0, where exp is exactly 1 and costs next to nothing.
     per_speed = where(v_d > 0.0, 1.0 / where(v_d > 0.0, v_d, 1.0), 0.0)
     return sigma_1 * exp(-((speed * per_speed) ** 2))
 
 
 def passive_speed(bound: float, sigma_1: float, v_d: float) -> float:
-    """Speed up to which a damping sigma_1*exp(-(speed/v_d)^2) keeps to sigma_1*speed <= ``bound``; ALWAYS if at all.
+    """Speed up to which damping times speed stays within ``bound``; ALWAYS if it does at all speeds.
 
-    ``bound`` in the unit of the friction: 4*level for LuGre friction; 0 where there is no contact.
+    The damping is sigma_1*exp(-(speed/v_d)^2), or sigma_1 if ``v_d`` is 0. ``bound`` is in the unit of the friction:
+    4*level for LuGre friction, 0 without contact.
     abs(speed)*exp(-(speed/v_d)^2) is at most v_d/sqrt(2*e) = v_d/2.3316.
     """
     constant = where(both(sigma_1 > 0.0, bound > 0.0), bound / where(sigma_1 > 0.0, sigma_1, 1.0), ALWAYS)
@@ -68,7 +69,7 @@ def passive_speed(bound: float, sigma_1: float, v_d: float) -> float:
 def passivity_note(
     largest: float, limit: float, unit: str, *, name: str = "largest_speed", v_d: str = "v_d", bound: str
 ) -> Note:
-    """Told after a run whose ``largest`` speed passed ``limit``, a ``passive_speed``; ``bound`` is its formula."""
+    """Note for a run whose ``largest`` speed exceeded ``limit``, a ``passive_speed``; ``bound`` is its formula."""
     text = (
         "beyond it friction is not surely passive, a slow break-away may feed energy into the motion. "
         f"{v_d} of at most 2.33 times that speed cures it."
@@ -77,7 +78,7 @@ def passivity_note(
 
 
 def rising_note(F_C: float, F_S: float, unit: str, C: str = "F_C", S: str = "F_S") -> Note:
-    """Told where friction rises with speed, which is legal; ``C`` and ``S`` are the names of F_C and F_S."""
+    """Note for friction that rises with speed, which is legal; ``C`` and ``S`` are the names of F_C and F_S."""
     text = f"friction rises with speed, against Stribeck's effect. Exchange {C} and {S} unless this is meant."
     return Note(C, F_C, S, F_S, unit, text)
 
@@ -85,8 +86,8 @@ def rising_note(F_C: float, F_S: float, unit: str, C: str = "F_C", S: str = "F_S
 def rising_notes(
     F_C: float, F_S: float, F_C_negative: float, F_S_negative: float, *, unit: str, prefix: str = ""
 ) -> tuple[Note, ...]:
-    """``rising_note`` of a contact with factors for negative speed; ``prefix`` stands before its names in the text."""
-    # For negative speed only what the factors have made so: one note says it for both directions.
+    """``rising_note`` for both directions of a contact; ``prefix`` stands before its names in the text."""
+    # The note for negative speed is given only if the factors cause the rise; else one note tells of both directions.
     negative = where(F_C > F_S, 0.0, F_C * F_C_negative)
     C, S = f"{prefix}F_C", f"{prefix}F_S"
     return (
@@ -96,7 +97,7 @@ def rising_notes(
 
 
 def friction(z: float, z_rate: float, speed: float, *, sigma_0: float, sigma_1: float, sigma_2: float) -> float:
-    """Friction force or torque, positive where it opposes positive speed. ``z_rate`` from ``bristle_rate``."""
+    """Friction force or torque, positive if it opposes positive speed. ``bristle_rate`` gives ``z_rate``."""
     return sigma_0 * z + sigma_1 * z_rate + sigma_2 * speed
 
 

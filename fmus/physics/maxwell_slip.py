@@ -5,14 +5,13 @@
     slipping:  der(F[i]) = sign(speed)*C*(alpha[i] - abs(F[i])/level)            until the motion reverses
 
 k[i] are stiffnesses, alpha[i] the parts of the level (sum 1), C the rate at which a slipping element follows its part
-of the level. A slipping element is drawn up no faster than it would stick, der(F[i]) <= k[i]*abs(speed) along the
-motion: so it never gives back more than it has stored (the law of the paper without this bound feeds energy into a
-motion that comes to rest).
+of the level. The force of a slipping element rises no faster than that of a sticking one: along the motion,
+der(F[i]) <= k[i]*abs(speed). So an element never gives back more energy than it has stored. The law of the paper has
+no such bound and feeds energy into a motion that comes to rest.
 
-Whether an element slips is a discrete state, set after each integration step. An element that passes its part slips at
-once, within the step: its rate jumps there, and the step size control of the integrator finds the place. While the
-level is constant the law does not depend on the rate of the motion: it has return-point memory, and the virgin curve
-is the sum of its elements.
+Whether an element slips is a discrete state, set after each integration step. An element that reaches its part slips at
+once, within the step: its rate jumps, and the step size control of the integrator locates the jump. With a constant
+level the law is rate-independent: it has return-point memory, and the virgin curve is the sum of its elements.
 
 Valid for one contact at constant normal load. Passive where damping*abs(speed) <= level*alpha[i]*(sum of k)/k[i] for
 each element.
@@ -36,14 +35,14 @@ def element_rate(F: float, slips: float, speed: float, level: float, *, k: float
     along = F * sign(speed)
     sticking = k * abs(speed)
     slipping = minimum(sticking, C * (alpha - along / positive))
-    # Until its flag is set, an element that has passed its part holds what it has: its rate then changes with the flag,
-    # and a solver that starts anew where rates have changed starts anew there.
+    # Until its flag is set, an element that has reached its part keeps its force. Its rate changes when the flag is
+    # set, so that a solver that restarts after a change of rates restarts there.
     held = where(along < alpha * positive, sticking, 0.0)
     rate = where(both(slips > 0.5, along > 0.0), slipping, held)
     return where(level > 0.0, sign(speed) * rate, 0.0)
 
 
 def slips_now(F: float, slips: float, speed: float, level: float, alpha: float) -> float:
-    """1 where an element slips: it holds its part of the level, or it has done so and the motion has not reversed."""
+    """1 if an element slips, else 0. It slips from reaching its part of the level until the motion reverses."""
     along = F * sign(speed)
     return where(both(along > 0.0, either(slips > 0.5, along >= alpha * level)), 1.0, 0.0)

@@ -1,14 +1,14 @@
 """Cutting force of a two-flute end mill with run-out: closed form of the uncut chip thickness, with its memory.
 
-A tooth that passes leaves a surface; the next one cuts what the feed has brought since. At one angle ``phi`` of the
-tool the advance of a passage is ``a = feed*sin(phi)``; tooth 1 runs outside and tooth 2 inside the mean radius by the
-run-out ``r``. A tooth that finds less than ``h_min`` ploughs: it presses, and the surface stays. With n passages since
-the last cut, the chip is
+Each tooth leaves a surface; the next tooth cuts the material that the feed has moved since then. At an angle ``phi`` of
+the tool the advance of one passage is ``a = feed*sin(phi)``. Because of the run-out ``r``, tooth 1 runs outside the
+mean radius by ``r`` and tooth 2 inside by ``r``. A tooth with a chip below ``h_min`` ploughs: it presses, and the
+surface stays. With n passages since the last cut, the chip is
 
     h = max(0, n*a + own offset - offset of the tooth that cut last),   cut where h >= h_min
 
-which repeats itself, so that the tooth that cut last, and n, follow from the number of passages alone: no memory
-is kept. With h_min = 0 it is the known form h = max(0, min(a + offset - other offset, 2*a)).
+This sequence is periodic. The tooth that cut last, and n, follow from the number of passages alone, so no memory is
+kept. With h_min = 0 it is the known form h = max(0, min(a + offset - other offset, 2*a)).
 
 Forces of a tooth of axial depth w at the angle phi, on the tool:
 
@@ -17,9 +17,9 @@ Forces of a tooth of axial depth w at the angle phi, on the tool:
     force_x = -f_t*cos(phi) - f_n*sin(phi)       force_y = f_t*sin(phi) - f_n*cos(phi)
 
 x is the feed direction, y points across it; the tooth enters at entry_angle and leaves at exit_angle, 0 and pi for
-a slot. The work starts with the surface that tooth 1 would have left one revolution before; this start is forgotten
-within a revolution wherever 2*a >= h_min and 2*r >= h_min - a. Where both teeth could keep the cut for themselves
-(small run-out), the start decides for tooth 1, and where 2*a < h_min the teeth cut in some revolutions only.
+a slot. The work starts with the surface that tooth 1 would have left one revolution before. This start has no effect
+after one revolution wherever 2*a >= h_min and 2*r >= h_min - a. With a small run-out each tooth could do all the
+cutting alone; then the start decides that tooth 1 does. Where 2*a < h_min the teeth cut in some revolutions only.
 
 The law is exact for rigid tool and table: the vibration of the axis does not enter the chip (no regenerative
 chatter), the path of a tooth is a circle (feed much smaller than the radius), ploughing removes nothing.
@@ -40,7 +40,7 @@ from cosim.model import Choice, both, cos, floor, maximum, sin, where
 
 PI = 3.141592653589793
 TINY = 1e-15
-"""An advance in m below which a tooth brings no chip; 1e-9 of a micro-mill's feed per tooth."""
+"""Advance in m below which a tooth has no chip; 1e-9 of a micro-mill's feed per tooth."""
 
 
 class Side(Choice):
@@ -103,12 +103,12 @@ class Forces:
 
 
 def _passages(distance: float, advance: float) -> float:
-    """Number of revolutions, at least 1, until ``2*advance`` each have brought ``distance``."""
+    """Number of revolutions, at least 1, after which an advance of ``2*advance`` each has reached ``distance``."""
     return maximum(1.0, -floor(-distance / (2.0 * advance)))
 
 
 def _cycle(passage: float, period: float) -> float:
-    """1 ... ``period``: ``passage`` 1, 2, 3 ... counted round and round."""
+    """Number of the passage within its period, 1 ... ``period``."""
     return passage - period * floor((passage - 1.0) / period)
 
 
@@ -117,20 +117,20 @@ def _is_odd(number: float) -> bool:
 
 
 def uncut_thickness(advance: float, passage: float, run_out: float, h_min: float) -> float:
-    """Chip in m in front of the tooth that makes this passage of an angle of the tool.
+    """Uncut chip thickness in m in front of a tooth at a given angle of the tool.
 
-    ``advance`` is the feed in m a passage there, ``passage`` counts the passages since the cut of tooth 1 that left
-    the first surface: odd for tooth 2, even for tooth 1.
+    ``advance`` is the feed in m between two passages at this angle. ``passage`` counts the passages since the cut of
+    tooth 1 that left the first surface: it is odd for tooth 2 and even for tooth 1. ``run_out`` and ``h_min`` are in m.
     """
     a = maximum(advance, TINY)
     offset = 2.0 * run_out
-    # Revolutions until the tooth that cut last cuts again, unless the other one comes first.
+    # Revolutions until the tooth that cut last cuts again, unless the other tooth cuts before.
     again = _passages(h_min, a)
     first_after_one = _passages(h_min + offset + a, a)
     first_after_two = _passages(h_min - offset + a, a)
     two_takes_over = first_after_one <= again
     one_takes_over = first_after_two <= again
-    # Passages from a cut of tooth 1 to the first of tooth 2, and back; then the cycle of all.
+    # Passages from a cut of tooth 1 to the next cut of tooth 2, and back; together they are one cycle.
     until_two = 2.0 * first_after_one - 1.0
     until_one = 2.0 * first_after_two - 1.0
     alternating = _cycle(passage, until_two + until_one)
@@ -157,11 +157,11 @@ def milling_forces(cut: Cut, t: float) -> Forces:
 
 
 def _tooth(cut: Cut, angle: float, passage: float, began: bool) -> tuple[float, float, float]:
-    """Force in x and y and chip of one tooth at its ``angle`` of 0 ... 2 pi."""
+    """Force in x and y [N] and chip thickness [m] of one tooth at its ``angle`` of 0 ... 2 pi."""
     engaged = both(began, both(angle >= cut.entry_angle, angle <= cut.exit_angle))
     thickness = uncut_thickness(cut.feed_per_tooth * sin(angle), passage, cut.run_out, cut.h_min)
     h = where(engaged, thickness, 0.0)
-    # Below h_min the specific force is that at h_min; the guard keeps the power finite where there is no chip.
+    # Below h_min the specific force has its value at h_min; TINY keeps the power finite without a chip.
     ratio = maximum(maximum(h, cut.h_min), TINY) / cut.h_0
     area = cut.axial_depth * h
     ploughing = where(h < cut.h_min, cut.ploughing_factor, 1.0)

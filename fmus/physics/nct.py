@@ -317,7 +317,7 @@ def root_nct_rate(error: float, *, alpha: float, e_1: float, A: float, h_max: fl
 
 
 class Defuzzification(Choice):
-    """How the output sets become a command."""
+    """The method that makes a command of the output sets."""
 
     exact = 1, "Exact centroid of z- and s-shape, singleton weight w_z"
     grid = 2, "Centroid over a grid of grid_points points"
@@ -348,7 +348,7 @@ def rule_heights(
 
 
 def _root(x: float) -> float:
-    """sqrt(x) of x >= 0 with a finite derivative at 0."""
+    """sqrt(x) for x >= 0, with a finite derivative at 0."""
     return where(x > 0.0, sqrt(where(x > 0.0, x, 1.0)), 0.0)
 
 
@@ -389,12 +389,12 @@ def _sum_2(n: float) -> float:
 def clipped_set_sums(height: float, half: float) -> tuple[float, float]:
     """Sums over j = 1 ... half of m_j and of j*m_j/half, m_j the s-shape at j/half clipped at ``height``.
 
-    In closed form: up to j = k the shape rises as 2*(j/half)^2, from ``half`` down to half - i as 1 - 2*(i/half)^2,
-    between it is clipped.
+    The sums are in closed form. From 1 up to j = k the shape is 2*(j/half)^2. From ``half`` down to half - i it is
+    1 - 2*(i/half)^2. Between these parts it is clipped.
     """
     middle = floor(0.5 * half)
     k = minimum(middle, floor(half * _root(0.5 * minimum(height, 0.5))))
-    # Points clipped at the upper end: i = half - j from 0 to top, those of 1 - 2*(i/half)^2 above the height.
+    # Points clipped at the upper end: i = half - j from 0 to top, where 1 - 2*(i/half)^2 is above the height.
     top = minimum(half - middle - 1.0, floor(half * _root(0.5 * (1.0 - maximum(height, 0.5)))))
     top = where(height <= 0.5, half - k - 1.0, top)
     n = half - top - 1.0 - k

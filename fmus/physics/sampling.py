@@ -1,4 +1,4 @@
-"""What sampled controllers share: the measured velocity, saturation of the command, hold of an integrator.
+"""Functions for all sampled controllers: measured velocity, saturation of the command, hold of an integrator.
 
 A controller that estimates its velocity keeps three discrete states, all starting at 0::
 
@@ -19,14 +19,14 @@ from cosim.model import Choice, both, clip, exp, where
 
 
 class VelocitySource(Choice):
-    """Where a controller takes the measured velocity from."""
+    """The origin of a controller's measured velocity."""
 
     input = 1, "Input velocity"
     difference = 2, "Backward difference of position with first-order filter"
 
 
 def filter_pole(T_s: float, time_constant: float) -> float:
-    """Pole exp(-T_s/time_constant) of a sampled first-order filter; 0 (no filter) where the constant is 0."""
+    """Pole exp(-T_s/time_constant) of a sampled first-order filter, times in s; 0 (no filter) for a constant of 0."""
     return where(time_constant > 0.0, exp(-T_s / where(time_constant > 0.0, time_constant, 1.0)), 0.0)
 
 
@@ -41,13 +41,13 @@ def velocity_estimate(
     T_s: float,
     filter_time: float,
 ) -> float:
-    """Measured velocity at this sample.
+    """Measured velocity at this sample, m/s.
 
         input:       velocity
         difference:  a*velocity_last + (1 - a)*(position - position_last)/T_s,   a = exp(-T_s/filter_time)
 
-    ``started`` is 0 at the first sample and 1 afterwards. At the first sample there is no position before: the
-    estimate is ``velocity`` there (0 where that input is not connected).
+    ``started`` is 0 at the first sample and 1 afterwards. The first sample has no previous position, so the estimate is
+    the input ``velocity`` (0 if it is not connected).
     """
     if source is VelocitySource.input:
         return velocity
@@ -68,7 +68,7 @@ class Sampled(Protocol):
 
 
 class Memory(Protocol):
-    """Its state, see above."""
+    """The states of a controller that measures its velocity, see above."""
 
     @property
     def started(self) -> float: ...
@@ -79,7 +79,7 @@ class Memory(Protocol):
 
 
 class Measurement(Protocol):
-    """Its inputs."""
+    """The inputs of a controller that measures its velocity."""
 
     @property
     def position(self) -> float: ...
@@ -88,7 +88,7 @@ class Measurement(Protocol):
 
 
 def measured_velocity(controller: Sampled, x: Memory, u: Measurement) -> float:
-    """``velocity_estimate`` of a controller with the parameters, states and inputs of these names."""
+    """``velocity_estimate`` for a controller whose parameters, states and inputs have the names used here, m/s."""
     return velocity_estimate(
         controller.velocity_source,
         x.started,
@@ -109,8 +109,8 @@ def saturate(command: float, command_max: float) -> float:
 def winds_up(command: float, command_max: float, push: float) -> bool:
     """Whether the realised ``command`` is at its limit and an integrator would drive it further out.
 
-    ``push`` has the sign in which the coming increment of the integrator moves the command. Never where
-    ``command_max`` is 0.
+    ``push`` has the sign in which the next increment of the integrator moves the command. False if ``command_max`` is
+    0, which is no limit.
     """
     at_limit = both(command_max > 0.0, abs(command) >= command_max)
     return both(at_limit, command * push > 0.0)

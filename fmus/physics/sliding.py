@@ -1,4 +1,4 @@
-"""What the three sliding-mode controllers of a ballscrew stage share."""
+"""The parts that the three sliding-mode controllers of a ballscrew stage have in common."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fmus.physics.sampling import VelocitySource, measured_velocity, winds_up
 
 
 class FrictionVelocity(Choice):
-    """Which velocity drives the friction model inside a controller."""
+    """The velocity that drives the friction model inside a controller."""
 
     reference = 1, "Reference velocity"
     measured = 2, "Measured velocity"
@@ -86,13 +86,13 @@ class SlidingController(Controller):
         return e, rate, x.integral + where(x.started > 0.5, self.T_s * e, 0.0)
 
     def friction_speed(self, x: State, u: Input) -> float:
-        """Speed that friction model and bound go with [rad/s]."""
+        """Speed used by the friction model and its bound [rad/s]."""
         if self.friction_velocity is FrictionVelocity.reference:
             return u.velocity_ref / self.l_p
         return self.measured_velocity(x, u) / self.l_p
 
     def bristles(self, x: State, u: Input) -> tuple[float, float]:
-        """Deflection in the friction model before and at this sample [rad]."""
+        """Deflection in the friction model at the previous sample and at this sample [rad]."""
         if self.friction_velocity is FrictionVelocity.none:
             return 0.0, 0.0
         v = self.friction_speed(x, u)
@@ -121,7 +121,7 @@ class SlidingController(Controller):
         return friction_level(v, self.F_C_hat, self.F_S_hat, self.v_s_hat) + sigma_2_tilde * abs(v)
 
     def equivalent_acceleration(self, u: Input, e: float, rate: float, xi: float) -> float:
-        """Acceleration that keeps the surface with integral at rest, -lambda*s included [rad/s2]; eq. (10)."""
+        """Acceleration [rad/s2] that keeps s of the surface with integral constant, plus -lambda*s; eq. (10)."""
         return u.acceleration_ref / self.l_p - self.lambda_ * (
             3.0 * rate + self.lambda_ * (3.0 * e + self.lambda_ * xi)
         )

@@ -112,12 +112,12 @@ class BallscrewAxis(RotaryDrive, BristleBallscrew):
         return (self.l_p * (1.0 + self.lead_error) + self.lead_ripple * cos(x.angle + self.lead_phase)) * x.speed
 
     def drive_torque(self, x: State, u: BristleBallscrew.Input) -> float:
-        """Torque of the drive within the limit of its voltage [N.m]."""
+        """Torque of the drive, limited by its voltage [N.m]."""
         torque = behind_lag(self.drive(u), x.drive, self.drive_lag)
         return within_voltage(torque, self.K_m / self.R, self.K_m * x.speed, self.voltage_max)
 
     def rate_and_torque(self, t: float, x: State) -> tuple[float, float]:
-        """Rate of the bristle and friction torque."""
+        """Rate of the bristle [rad/s] and friction torque [N.m]."""
         return self.lugre(x, self.level(t, x.speed) * self.friction_ripple_factor(x.angle))
 
     def derivative(self, t: float, x: State, u: BristleBallscrew.Input) -> State:

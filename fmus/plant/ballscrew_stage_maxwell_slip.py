@@ -74,7 +74,7 @@ class BallscrewStageMaxwellSlip(RigidBallscrew):
         speed = self.velocity_start / self.l_p
         torque = self.bristle_start * sign(speed) * self.level(0.0, speed)
         a, b, c, d = (part * torque for part in self.alpha)
-        # Elements that hold their part slip; rounding must not decide.
+        # Elements that start at their full part slip; rounding must not decide this.
         slips = where(self.bristle_start >= 1.0, abs(sign(speed)), 0.0)
         return self.State(
             angle=self.position_start / self.l_p,
@@ -85,7 +85,7 @@ class BallscrewStageMaxwellSlip(RigidBallscrew):
         )
 
     def friction(self, t: float, x: State) -> tuple[tuple[float, float, float, float], float]:
-        """Rates of the elements and friction torque."""
+        """Rates of the elements [N.m/s] and friction torque [N.m]."""
         level = self.level(t, x.speed)
         a, b, c, d = (
             element_rate(F, slips, x.speed, level, k=k, alpha=alpha, C=self.C)

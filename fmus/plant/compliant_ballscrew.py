@@ -58,7 +58,7 @@ class CompliantBallscrew(Plant):
     negative velocity. F_C = F_S = 0 leaves sigma_2 only: no bristles. Without
     guide_friction guide_force = guide_sigma_2*velocity; without motor_friction the tanh term is absent.
 
-    The state holds d instead of the angle: forces between the inertias then do not lose digits far from the origin.
+    The state is d instead of the angle, so that the forces between the inertias keep their digits far from the origin.
     Resolutions round the measured positions only. Valid for motion without end stops and for a current loop much
     faster than the nut mode; CompliantBallscrewAxis has a drive with lag, voltage limit and ripple.
 
@@ -229,20 +229,20 @@ class CompliantBallscrew(Plant):
         return self.friction_scale * drift * level
 
     def _least_level(self, F_C: float, F_S: float) -> float:
-        """The least that the level of a contact falls to at any time and speed."""
+        """The smallest friction level of a contact at any time and speed, in the unit of ``F_C``."""
         backward = minimum(F_C * self.F_C_negative, F_S * self.F_S_negative)
         return self.friction_scale * (1.0 - self.drift_amplitude) * minimum(minimum(F_C, F_S), backward)
 
     def screw_level(self, t: float, speed: float) -> float:
-        """Magnitude of the LuGre friction torque without its viscous part, in steady sliding at ``speed``."""
+        """Magnitude of the LuGre friction torque without viscous part, in steady sliding at ``speed`` [N.m]."""
         return self._level(t, speed, self.F_C, self.F_S, self.v_s)
 
     def guide_level(self, t: float, velocity: float) -> float:
-        """Magnitude of the guide's friction without its viscous part, in steady sliding at ``velocity``."""
+        """Magnitude of the guide's friction without viscous part, in steady sliding at ``velocity`` [N]."""
         return self._level(t, velocity, self.guide_F_C, self.guide_F_S, self.guide_v_s)
 
     def _frictions(self, t: float, x: State) -> tuple[float, float, float, float]:
-        """Bristle rate and friction torque at the screw, bristle rate and friction force at the guide."""
+        """Bristle rate [rad/s] and friction [N.m] at the screw, bristle rate [m/s] and friction [N] at the guide."""
         rate = bristle_rate(x.bristle, x.speed, self.screw_level(t, x.speed), self.sigma_0)
         torque = friction(
             x.bristle,
@@ -269,11 +269,11 @@ class CompliantBallscrew(Plant):
         return rate, torque, guide_rate, force
 
     def motor_current(self, x: Any, u: Input) -> float:
-        """Current of the motor [A]; that of a drive without lag and voltage limit unless overridden."""
+        """Current of the motor [A] for a drive without lag and voltage limit; CompliantBallscrewAxis overrides it."""
         return saturate(u.command, self.command_max)
 
     def motor_torque(self, x: Any, u: Input) -> float:
-        """Torque of the motor [N.m]; without ripple unless overridden."""
+        """Torque of the motor [N.m] without ripple; CompliantBallscrewAxis overrides it."""
         return self.K_m * self.motor_current(x, u)
 
     def _nut_force(self, x: State) -> float:

@@ -21,9 +21,10 @@ class LinearMotor(Plant):
     Positive command, cutting force and disturbance push towards positive position. The axis is the feed direction x
     of the cut: with ``side`` tool it carries the spindle, with table the work. Cutting is off while ``feed_per_tooth``
     is 0. Rigid tool and axis: position does not change the chip. The amplifier has no lag (LinearMotorAxis has one, and
-    cogging) and the guides no dry friction. Positions are of the order of 1 um, and the integrator's tolerance counts
-    from there. With ploughing (h_min > 0) the force jumps where teeth enter and leave: at 10 kHz and the default
-    tolerance the position is then right to some 0.3 nm, in ten integration steps a sample, instead of 2 pm in three.
+    cogging) and the guides no dry friction. Positions are of the order of 1 um, and the integrator's tolerance is
+    relative to this size. With ploughing (h_min > 0) the force jumps where teeth enter and leave: at 10 kHz and the
+    default tolerance the position is then right to some 0.3 nm, in ten integration steps a sample, instead of 2 pm in
+    three.
 
     Source: Rubio, Ibeas & Luo, P-PI and super twisting sliding mode control schemes comparison for high-precision CNC
     machining, 2015, plant equation and section on simulations (there k_t and K_a carry these units); cutting data are
@@ -101,15 +102,15 @@ class LinearMotor(Plant):
         )
 
     def target(self, u: Input) -> float:
-        """Current that the amplifier is to give [A]."""
+        """Commanded current of the amplifier [A]."""
         return saturate(self.k_t * u.command, self.force_max / self.K_a)
 
     def motor_current(self, x: Any, u: Input) -> float:
-        """Current of the motor [A]; that of an amplifier without lag unless overridden."""
+        """Current of the motor [A] for an amplifier without lag; LinearMotorAxis overrides it."""
         return self.target(u)
 
     def motor_force(self, x: Any, u: Input) -> float:
-        """Force of the motor [N]; without ripple unless overridden."""
+        """Force of the motor [N] without ripple; LinearMotorAxis overrides it."""
         return self.K_a * self.motor_current(x, u)
 
     def cutting_force(self, t: float) -> float:

@@ -1,8 +1,8 @@
 """The experiments that every component is validated with; ``build_fmus.py --references`` makes their traces.
 
-They move each component through all its regimes with parameters other than the start values: plants go through
+They move each component through all its regimes, with parameters other than the start values. Plants go through
 presliding and reversals, controllers into saturation and out of it, sources through each of their kinds. No row lies on
-a discontinuity, where the last bit would decide.
+a discontinuity, where a rounding error would decide the value.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fmus.sources.trajectory import TrajectoryKind
 Signal = Callable[[float], float]
 TWO_PI = 6.283185307179586
 STEP = 2.0**-9
-"""1.953125 ms: k*STEP is exact in binary and in whole nanoseconds, for importers that count these."""
+"""1.953125 ms: k*STEP is exact in binary numbers and in whole nanoseconds, in which some importers count time."""
 
 
 def constant(value: float) -> Signal:
@@ -48,7 +48,7 @@ def slope(amplitude: float, frequency: float, phase: float = 0.0, order: int = 1
 
 
 def after(time: float, signal: Signal) -> Signal:
-    """0 before ``time``, then ``signal``, its time counted from there."""
+    """0 before ``time``, then ``signal`` with its time starting at ``time``, s."""
     return lambda t: where(t < time, 0.0, signal(t - time))
 
 
@@ -63,12 +63,12 @@ def total(*signals: Signal) -> Signal:
 
 
 def approach(distance: float, rate: float) -> Signal:
-    """From 0 to ``distance`` with time constant 1/``rate``."""
+    """An exponential approach from 0 to ``distance`` with time constant 1/``rate``; ``rate`` in 1/s."""
     return lambda t: distance * (1.0 - exp(-rate * t))
 
 
 def tracking(amplitude: float, frequency: float, error: float, error_frequency: float) -> Mapping[str, Signal]:
-    """A sine as reference, and a measured motion that is off by another sine."""
+    """A sine as reference, and a measured motion that differs from it by another sine; frequencies in Hz."""
     off = 0.7
     return {
         "position_ref": sine(amplitude, frequency),
@@ -80,12 +80,12 @@ def tracking(amplitude: float, frequency: float, error: float, error_frequency: 
 
 
 STAGE = tracking(1.6e-3, 2.0, 0.15e-3, 8.75)
-"""Speeds at the screw of a ballscrew stage: errors beyond the boundary layer of the start values."""
+"""Motion of a ballscrew stage, with errors that exceed the boundary layer of the start values."""
 MICRO = tracking(10e-6, 2.0, 0.4e-6, 8.75)
 """The motion of a linear motor axis in micro-milling."""
 
 NCTF = {name: signal for name, signal in tracking(1e-3, 1.0, 0.1e-3, 5.6).items() if name != "acceleration_ref"}
-"""Errors around the linear part of the NCT."""
+"""Motion with errors around the linear part of the NCT."""
 
 MOVES = {"out_and_back": True, "dwell": 0.05}
 
@@ -195,7 +195,7 @@ LINEAR = (
 
 
 def driven(validation: Validation, drive: str, **parameters: Any) -> Validation:
-    """An experiment of a plant for the same plant with a drive of its own; ``drive`` says what that does."""
+    """An experiment of a plant, made for the same plant with a drive; ``drive`` describes the effect of the drive."""
     return replace(
         validation,
         description=f"{validation.description}; {drive}",

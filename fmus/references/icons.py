@@ -1,4 +1,4 @@
-"""The icon of every component: what it is, as a pictogram; ``build_fmus.py --references`` draws them."""
+"""Pictograms of all components; ``build_fmus.py --references`` draws them as icons."""
 
 # matplotlib leaves the types of its keyword arguments open:
 # pyright: reportUnknownMemberType=false
@@ -19,7 +19,7 @@ from PIL import Image
 
 DARK, STEEL, PALE, ORANGE, GREEN, WHITE = "#16324F", "#5B7C99", "#DCE6EF", "#D55E00", "#009E73", "#FFFFFF"
 SIZE = 256
-"""Pixels of a side; drawings use 0 ... 100."""
+"""Width and height of an icon in pixels; drawings use coordinates 0 ... 100."""
 
 
 def draw(name: str, target: Path) -> None:
@@ -407,9 +407,9 @@ ICONS: dict[str, Callable[[Axes], None]] = {
     "Trajectory": trajectory,
     "MillingForce": milling_force,
 }
-"""What draws the icon of a component."""
+"""Component -> the function that draws its icon."""
 
 
 def drawer(name: str) -> Callable[[Path], None] | None:
-    """What writes the icon of a component to a file; None for one without icon."""
+    """The function that writes the icon of a component to a file; None for a component without icon."""
     return partial(draw, name) if name in ICONS else None

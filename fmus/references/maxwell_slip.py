@@ -1,9 +1,9 @@
-"""The stage with generalised Maxwell slip solved on its own: explicit modes, every change of mode located as an event.
+"""An independent solution of the stage with generalised Maxwell slip: every change of mode is located as an event.
 
-The elements' rates jump where they begin to slip; a solver that steps over such a place loses its accuracy without a
-sign (Radau at 1e-10: errors of 8e-5 of the speed). Here each element sticks or slips by a flag of its own, scipy's
-Radau integrates the smooth equations between events, and the flags change at the events only. No equation of
-``fmus.physics`` is used.
+The rate of an element jumps when it begins to slip. A solver that steps over such a jump loses accuracy without any
+sign (Radau at 1e-10: errors of 8e-5 of the speed). Here each element has a flag for sticking or slipping. scipy's Radau
+integrates the smooth equations between events, and the flags change at events only. No equation of ``fmus.physics`` is
+used.
 """
 
 # scipy leaves the types of its solvers open:
@@ -24,7 +24,7 @@ TOLERANCE = 1e-10
 
 
 class Located:
-    """The motion of a stage ``p`` under inputs that are held over steps; without play."""
+    """The motion of the stage ``p``, without play, under inputs that are held over each step."""
 
     def __init__(self, p: BallscrewStageMaxwellSlip, tolerance: float = TOLERANCE) -> None:
         self.p, self.tolerance = p, tolerance
@@ -36,14 +36,14 @@ class Located:
         self.events = 0
 
     def level(self, t: float, speed: float) -> float:
-        """Largest friction torque of all elements together."""
+        """Largest friction torque of all elements together at time ``t`` [s] and ``speed`` [rad/s], N.m."""
         p, back = self.p, speed < 0.0
         F_C, F_S = p.F_C * (p.F_C_negative if back else 1.0), p.F_S * (p.F_S_negative if back else 1.0)
         load = p.friction_scale * (1.0 + p.drift_amplitude * np.sin(2.0 * np.pi * p.drift_frequency * t))
         return float(load * (F_C + (F_S - F_C) * np.exp(-((speed / p.v_s) ** 2))))
 
     def rates(self, t: float, y: Any) -> tuple[Any, float]:
-        """Rates of the elements and friction torque, with the flags as they are."""
+        """Rates of the elements [N.m/s] and friction torque [N.m], with the present flags."""
         p, speed = self.p, y[1]
         direction, sticking = np.sign(speed), self.k * abs(speed)
         slipping = np.minimum(sticking, p.C * (self.alpha - direction * y[2:] / self.level(t, speed)))
@@ -96,17 +96,17 @@ class Located:
             self.events += 1
             if len(found.t_events[0]):
                 self.slips[:] = False
-                # Off the zero, the way the motion goes: it is not found again.
+                # Move the speed off 0 in the direction of the acceleration, or the same reversal is found again.
                 self.y[1] = np.copysign(1e-300, right_side(t, self.y)[1])
             for i in range(4):
                 if len(found.t_events[1 + i]):
                     self.slips[i] = True
-            # Elements pass their parts together, or hold more than these when a motion sets in again: these cross no
-            # more.
+            # Other elements may reach their parts at the same event, or hold more than their parts when motion starts
+            # again. They cause no event of their own, so their flags are set here.
             self.slips |= np.sign(self.y[1]) * self.y[2:] >= self.alpha * self.level(t, self.y[1])
 
     def outputs(self, t: float) -> tuple[float, ...]:
-        """Position, velocity, angle, speed and friction torque."""
+        """Position [m], velocity [m/s], angle [rad], speed [rad/s] and friction torque [N.m]."""
         p, (angle, speed) = self.p, self.y[:2]
         position = p.l_p * angle
         if p.resolution > 0.0:
@@ -115,7 +115,7 @@ class Located:
 
 
 def solution(stage: Any, step_size: float, inputs: Sequence[Any]) -> list[tuple[float, ...]]:
-    """The outputs of every row of an experiment; ``inputs`` are held from their row to the next."""
+    """The outputs of every row of an experiment; the inputs of a row are held until the next row."""
     motion = Located(stage)
     rows = [motion.outputs(0.0)]
     for k, u in enumerate(inputs[:-1]):

@@ -27,14 +27,14 @@ from cosim.model import (
 
 TWO_PI = 6.283185307179586
 INSTANT = 1e-9
-"""Seconds by which a jump may lie after a sample and still belong to it: k*T_s is rounded."""
+"""A jump that lies at most this time in s after a sample belongs to the sample, since k*T_s is rounded."""
 TINY = 1e-30
-"""Stands for 0 in a denominator whose numerator is 0 too."""
+"""Replaces a denominator of 0 whose numerator is 0, too."""
 
 QUINTIC_VELOCITY = 1.875
 QUINTIC_ACCELERATION = 5.773502691896258
 QUINTIC_JERK = 60.0
-"""Largest rates of 10*s^3 - 15*s^4 + 6*s^5 on 0 ... 1."""
+"""Largest derivatives of 10*s^3 - 15*s^4 + 6*s^5 on 0 ... 1: first, second and third."""
 
 Motion = tuple[float, float, float]
 """Position, velocity, acceleration; or a path coordinate and its two rates."""
@@ -160,7 +160,7 @@ class Trajectory(Source):
         return clip(step, 0.0, top)
 
     def arc(self, tau: float) -> Motion:
-        """Angle on the circle from its start, and its rates."""
+        """Angle on the circle from its start [rad], and its first and second derivatives."""
         rate, length = abs(self.feed) / self.radius, TWO_PI * self.turns
         acceleration = self.tangential_acceleration / self.radius
         soft = soft_path(tau, rate, length, self.soft_start)
@@ -198,7 +198,7 @@ class Trajectory(Source):
         return 2.0 * rise + flat + distance / maximum(top, TINY)
 
     def phases(self, distance: float) -> Phases:
-        """Top velocity, time of rising and of constant acceleration, largest acceleration of one move."""
+        """Top velocity, time of rising and of constant acceleration, and largest acceleration of one move."""
         v, a, j = self.velocity_max, self.acceleration_max, self.jerk_max
         if self.kind is TrajectoryKind.trapezoidal:
             top = minimum(v, sqrt(a * distance))
@@ -239,7 +239,7 @@ class Trajectory(Source):
 
 
 def soft_path(tau: float, rate: float, length: float, rise: float) -> Motion:
-    """Path from 0, smoothly to ``rate`` >= 0 within ``rise`` (0 = at once), up to ``length`` (0 = without end)."""
+    """Path from 0: smoothly to ``rate`` >= 0 within ``rise`` [s] (0 = at once), up to ``length`` (0 = without end)."""
     has_rise, ends = rise > 0.0, length > 0.0
     top = where(both(has_rise, ends), minimum(rate, length / where(has_rise, rise, 1.0)), rate)
     total = length / maximum(top, TINY) + rise
@@ -253,7 +253,7 @@ def soft_path(tau: float, rate: float, length: float, rise: float) -> Motion:
 
 
 def accelerated_path(tau: float, rate: float, length: float, acceleration: float) -> Motion:
-    """Path from 0, to ``rate`` >= 0 at ``acceleration`` (0 = at once), up to ``length`` (0 = without end)."""
+    """Path from 0: to ``rate`` >= 0 with ``acceleration`` (0 = at once), up to ``length`` (0 = without end)."""
     accelerates, ends = acceleration > 0.0, length > 0.0
     top = where(both(accelerates, ends), minimum(rate, sqrt(acceleration * length)), rate)
     rise = where(accelerates, top / where(accelerates, acceleration, 1.0), 0.0)
@@ -270,5 +270,5 @@ def accelerated_path(tau: float, rate: float, length: float, acceleration: float
 
 
 def pulse(t: float, start: float, end: float, height: float) -> float:
-    """``height`` from ``start`` on, before ``end``; else 0."""
+    """``height`` from ``start`` until before ``end`` (times in s), else 0."""
     return where(both(t >= start, t < end), height, 0.0)

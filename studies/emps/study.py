@@ -1,7 +1,7 @@
-"""A measured ballscrew axis, EMPS: plants of this library in the measured controller, fitted to the record.
+"""A measured ballscrew axis, EMPS: plants of this library under the measured controller, fitted to the record.
 
-The measured files are not part of this project: the study reads them from the folder that the user names, and shows
-the figures of ``figures.toml`` where none is named.
+The measured files are not part of this project. The study reads them from the folder that the user names; without a
+folder it shows the figures of ``figures.toml``.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ RECORD, PULSES = "DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"
 L_P = 2.5e-3 / (2.0 * math.pi)
 """Lead of the screw, m/rad."""
 FORCE = 35.1507
-"""Of a volt, N."""
+"""Force of the motor for a command of one volt, N/V."""
 FIRST, HALF, PERIOD = 0.049, 12.48, 6.24
-"""Seconds: where figures begin (as in the published ones, 49 samples are left out), after two laps, one lap."""
+"""Times in s: begin of the figures (49 samples are left out, as in the published figures), end of lap 2, one lap."""
 NOISE = {"position": 0.19e-6, "command": 0.0096}
-"""m and V: lap to lap, over the root of 2. The weights of the fit are these, and not chosen."""
+"""Noise in m and V: the difference from lap to lap divided by the root of 2. The fit uses it as weights."""
 PUBLISHED: Mapping[str, Mapping[str, float]] = {
     "published_symmetric": {"M": 95.1089, "Fv": 203.5034, "Fc": 20.3935, "offset": -3.1648},
     "published_asymmetric": {
@@ -70,7 +70,7 @@ def plants() -> dict[str, Plant]:
 
 
 def parameters_of(plant: Plant, before: Fitted | None, phases: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """Free values of a plant: those of the fit before start where it ended, its own are added."""
+    """Free values of a plant: those of the previous fit start where that fit ended; the plant's own are added."""
     own = {
         name: {**given, **({"start": phases[name]} if name in phases else {})}
         for name, given in plant.parameters.items()
@@ -122,7 +122,7 @@ LAPS = {
 
 
 def figures(fitted: Fitted) -> dict[str, float]:
-    """Agreement of the first record of a fit, in m and as parts."""
+    """Figures of agreement for the first record of a fit, in m and as shares."""
     position, command = fitted.comparisons[:2]
     return {
         "position_rms": position.rms,
@@ -139,7 +139,7 @@ def rms(signal: Signal) -> float:
 
 
 def physical(fitted: Fitted) -> dict[str, float]:
-    """Values at the table as the benchmark gives them, with their standard deviations as NAME_s."""
+    """Fitted values, converted to the table as in the benchmark; NAME_s is the standard deviation of NAME."""
     factors = {
         "plant.m": ("M", 1.0),
         "plant.F_C": ("Fc", 1.0 / L_P),
@@ -160,9 +160,10 @@ def physical(fitted: Fitted) -> dict[str, float]:
 
 
 def ripple_starts(comparison: OutputFit, position: Signal) -> dict[str, float]:
-    """Amplitude and phase of the torque that the residual of the command shows over the turn.
+    """Amplitude and phase of the torque ripple over a turn, from the residual of the command.
 
-    The loop answers a torque of the plant by one against it: what the measured command has more is that, negative.
+    The loop compensates a torque of the plant by an opposite one. So the ripple is minus the torque by which the
+    measured command exceeds the expected one.
     """
     angle = position / L_P
     columns = [part for n in (1.0, 2.0) for part in (np.sin(n * angle), np.cos(n * angle))]
@@ -234,7 +235,7 @@ def outcome(name: str, numbers: Numbers) -> Outcome:
 
 
 def numbers_of(whole: Fitted, half: Fitted) -> dict[str, float]:
-    """Figures of a plant: fitted to all of the record, and to laps 1 and 2, with laps 3 and 4 predicted."""
+    """Figures of a plant: of a fit to the whole record, and of a fit to laps 1 and 2 that predicts laps 3 and 4."""
     predicted = [c for c in half.comparisons if c.validates]
     return {
         **figures(whole),
@@ -252,7 +253,7 @@ def numbers_of(whole: Fitted, half: Fitted) -> dict[str, float]:
 
 
 def least_squares(data: Path) -> dict[str, float]:
-    """Least squares over filtered signals, no simulation: the way of the publication with another filter."""
+    """Values by least squares over filtered signals, without simulation: the published method with another filter."""
     look = identify_friction(
         data / RECORD, position="qm", force="vir", factor=FORCE, force_unit="N", time="t", span=(FIRST, math.inf)
     )
@@ -272,10 +273,10 @@ def least_squares(data: Path) -> dict[str, float]:
 
 
 def with_pulses(fitted: Fitted, data: Path, fmus: Path | None, jobs: int) -> dict[str, float]:
-    """A fitted plant against the second record, which has pulses of force: nothing is fitted to it.
+    """A fitted plant compared with the second record, which has pulses of force; no value is fitted to this record.
 
-    How the pulses enter is not documented: they are taken as force of the motor, with the sign that the balance of
-    forces of the record gives them.
+    The benchmark does not document where the pulses act. They are taken as a force of the motor, with the sign that
+    follows from the balance of forces in the record.
     """
     record = read_record(data / PULSES, time="t", columns=["qm", "vir", "pulses_N"])
     look = identify_friction(data / PULSES, position="qm", force="vir", factor=FORCE, force_unit="N", time="t")
@@ -295,7 +296,7 @@ def with_pulses(fitted: Fitted, data: Path, fmus: Path | None, jobs: int) -> dic
 
 
 def pulse_sign(time: Signal, position: Signal, command: Signal, pulses: Signal) -> float:
-    """1 if pulses push towards positive position beside the force of the command, -1 if they push against it."""
+    """1 if a positive pulse pushes like a positive command, -1 if it pushes against it."""
     from scipy.signal import savgol_filter
 
     step = float(np.median(np.diff(time)))
@@ -381,7 +382,7 @@ def values_chapter(found: Outcomes) -> str:
 
 
 def choices_chapter(found: Outcomes) -> str:
-    """What was chosen after the record was seen."""
+    """The choices that were made after the record was seen."""
     return "\n".join(f"* **{plant.text}**: {plant.chosen}" for plant in plants().values())
 
 

@@ -6,12 +6,12 @@ judged by the rms error J from the reversal to 2.5 times the time t_c at which t
     1. t_c at four accelerations (4 runs)
     2. the duration of the best pulse there: nine durations around t_c times ten amplitudes (360 runs)
     3. the amplitude at 13 accelerations, in eleven coarse steps (143 runs)
-    4. the amplitude at these and the points between, in eleven fine steps around the coarse one (275 runs)
+    4. the amplitude at these and the points between, in eleven fine steps around the coarse value (275 runs)
     5. a general regression neural network over the logarithm of the acceleration smooths the amplitudes; its spread
-       is the best of 40 by leaving one out; 60 nodes of it, and of the durations, are the tables
+       is the best of 40 by leave-one-out validation; the tables are 60 nodes of the smoothed amplitudes and durations
 
-This script has its own fast loop of axis and controller (LuGre friction, eight substeps a sample) and no part of the
-FMUs, so that the tables can be checked with them. ``python learn_tables.py`` writes ``learned.toml``,
+This script has its own fast loop of axis and controller (LuGre friction, eight substeps per sample). It uses no part of
+the FMUs, so that the FMUs can check the tables independently. ``python learn_tables.py`` writes ``learned.toml``,
 ``circle_pulse.toml`` and ``out_and_back_pulse.toml`` beside itself, in some ten seconds.
 
 Source: Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical Problems in
@@ -77,7 +77,7 @@ AXES = {
 
 @njit
 def track(ref, v_start, axis, pulse):  # type: ignore[no-untyped-def]
-    """Error of the table at each sample of ``ref`` but the last; steady friction at the start."""
+    """Error of the table in m at each sample of ``ref`` except the last; friction is steady at the start."""
     mass, F_C, F_S, v_s, sigma_0, sigma_1, sigma_2 = axis
     amplitude, duration = pulse
     rise = min(RISE, 0.5 * duration) if duration > 0.0 else 1.0
@@ -128,7 +128,7 @@ def track(ref, v_start, axis, pulse):  # type: ignore[no-untyped-def]
 
 
 def log_interpolated(at: Array, x: Array, y: Array) -> Array:
-    """Linear between the points of ln y over ln x, the ends held."""
+    """Linear interpolation of ln y over ln x at the points ``at``; the ends are held."""
     return np.exp(np.interp(np.log(at), np.log(x), np.log(y)))
 
 
@@ -140,7 +140,7 @@ class Learner:
     runs: dict[str, int]
 
     def error(self, acceleration: float, pulse: tuple[float, float], stage: str) -> Array:
-        """Error from the reversal on."""
+        """Error in m from the reversal on."""
         self.runs[stage] = self.runs.get(stage, 0) + 1
         rate = math.sqrt(acceleration / RADIUS)
         first = round(LEAD_IN / T_S)
@@ -163,7 +163,7 @@ class Learned:
     accelerations: Array
     amplitudes: Array
     costs: Array
-    """J of the fine amplitudes."""
+    """J in m at the amplitudes of the fine search."""
     spread: float
     table: tuple[Array, Array, Array]
     """Acceleration, amplitude, duration at the nodes."""
@@ -176,7 +176,7 @@ def peak_time(learner: Learner, acceleration: float) -> float:
 
 
 def best_duration(learner: Learner, acceleration: float, t_c: float) -> float:
-    """Duration of the pulse with the first smallest J."""
+    """Duration in s of the pulse with the smallest J; the first of equal ones."""
     best, found = math.inf, t_c
     for share in np.linspace(0.5, 1.5, 9):
         for amplitude in np.arange(1, 11) * 0.1 * A_MAX:
@@ -243,7 +243,7 @@ def learn(axis: Axis) -> Learned:
 
 
 FRICTIONS = {"nominal": 1.0, "high": 1.3, "low": 0.7}
-"""Friction at which tables are learned, as a share of that of ``AXES``."""
+"""Friction at which tables are learned, as a factor on the friction of ``AXES``."""
 
 
 def numbers(values: Array) -> str:

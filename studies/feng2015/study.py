@@ -1,4 +1,4 @@
-"""Feed drive axes with friction: observer against learned velocity pulses on circles and moves out and back."""
+"""Feed drive axes with friction: observer compared with learned velocity pulses, on circles and moves out and back."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ LEAD = 1.5915494309189535e-3  # m/rad
 T_S, RADIUS = 2.5e-4, 0.025
 FEEDS = (500, 1000, 2000, 3000)
 MOVES = {"S1": (10, 10, 30), "S2": (20, 20, 30), "S3": (20, 30, 50), "S4": (30, 30, 80)}
-"""Acceleration mm/s2, velocity mm/s, distance mm."""
+"""Move -> acceleration in mm/s2, velocity in mm/s, distance in mm."""
 CUT_OFFS = (20, 50, 80, 100, 150, 200, 300, 400, 600)
 REVERSALS = {"x": math.pi, "y": 0.5 * math.pi}
 INDICATORS = ("contour", "peak", "rms", "mean")
 FRICTIONS = {"high": 1.3, "low": 0.7}
 METHODS = {"without": "plain", "observer 50 rad/s": "observer50", "learned pulses": "pulse"}
-"""Label -> beginning of the names of its runs."""
+"""Label of a method -> first part of the names of its runs."""
 
 
 # What is measured in a run, SI units
 
 
 def monitored(axis: str, acceleration: float) -> float:
-    """Seconds after a reversal that count: 2.5 times the time of the uncompensated peak at this acceleration."""
+    """Time in s after a reversal that is evaluated: 2.5 times the time to the uncompensated peak."""
     learned = LEARNED[axis]["nominal"]
     return 2.5 * math.exp(
         float(np.interp(math.log(acceleration), np.log([2e-3, 10e-3, 40e-3, 120e-3]), np.log(learned["t_c"])))
@@ -48,13 +48,13 @@ def monitored(axis: str, acceleration: float) -> float:
 
 
 def turns(reference: Array) -> NDArray[np.intp]:
-    """Samples whose increment is the first one back."""
+    """Samples of the reversals: those with the first increment in the new direction."""
     moves = np.sign(np.diff(reference))
     return np.flatnonzero(moves[1:] * moves[:-1] < 0.0) + 1
 
 
 def position(result: Result, axis: str) -> Array:
-    """Position of the table, not rounded: that of the screw where the two are one."""
+    """Position of the table in m, not rounded; for a rigid axis it is computed from the screw."""
     if f"plant_{axis}.angle" not in result:
         return result[f"plant_{axis}.position"]
     return LEAD * result[f"plant_{axis}.angle"]
@@ -65,7 +65,7 @@ def error(result: Result, axis: str) -> Array:
 
 
 def judged(result: Result, axis: str, first: int, acceleration: float) -> dict[str, float]:
-    """Indicators from the sample ``first`` on."""
+    """Figures of the error from the sample ``first`` on."""
     part = slice(first, first + round(monitored(axis, acceleration) / T_S) + 1)
     e = error(result, axis)[part]
     return {"peak": metrics.max_abs(e), "rms": metrics.rms(e), "mean": float(np.mean(np.abs(e)))}
@@ -112,7 +112,7 @@ def measure_move(acceleration: float) -> Callable[[Result, Window], dict[str, fl
 
 
 def measure_drift(result: Result, window: Window) -> dict[str, float]:
-    """rms after each reversal of X: smallest and largest of the run."""
+    """Smallest and largest rms error after a reversal of X, over the run."""
     found = [judged(result, "x", int(k), (1.0 / 60.0) ** 2 / RADIUS)["rms"] for k in turns(drive(result))[1:-1]]
     return {"rms_first": found[0], "rms_least": min(found), "rms_most": max(found)}
 
@@ -153,7 +153,7 @@ def circle(system: str, feed: int, changes: Values | None = None, turns_: float 
 def move(system: str, name: str, changes: Values | None = None) -> Run:
     acceleration, velocity, distance = (1e-3 * value for value in MOVES[name])
     way = distance / velocity + velocity / acceleration
-    # The reversal lies on a sample.
+    # Start so that the reversal lies on a sample.
     start = math.ceil(way * 1e3) * 1e-3 - way
     overrides: Values = {
         "trajectory_y.amplitude": distance,
@@ -166,7 +166,7 @@ def move(system: str, name: str, changes: Values | None = None) -> Run:
 
 
 def fixed(amplitude: float, duration: float) -> Values:
-    """The X pulse at F 1000 as a fixed one, its amplitude and duration scaled."""
+    """A fixed pulse: the X pulse at F 1000 with scaled amplitude and duration."""
     learned = LEARNED["x"]["nominal"]
     acceleration = (1.0 / 60.0) ** 2 / RADIUS
     A, T = (
@@ -226,7 +226,7 @@ def runs() -> dict[str, Run]:
 def reductions(
     axis: str, cases: Iterable[object], names: Iterable[str], variant: str = ""
 ) -> Callable[[Outcomes], Numbers]:
-    """The least reduction by pulses over ``cases``, %."""
+    """The smallest reduction by pulses over ``cases``, %."""
 
     def measured(outcomes: Outcomes) -> Numbers:
         return {
@@ -246,7 +246,7 @@ def reductions(
 
 
 def below(one: str, other: str) -> Callable[[Outcomes], float]:
-    """In how many of the 32 comparisons on circles ``one`` is better than ``other``."""
+    """Number of the 32 comparisons on circles in which ``one`` is better than ``other``."""
     return lambda outcomes: float(
         sum(
             outcomes.number(f"{one}_{feed}", f"{axis}.{name}") < outcomes.number(f"{other}_{feed}", f"{axis}.{name}")

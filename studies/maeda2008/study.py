@@ -1,4 +1,4 @@
-"""NCTF control of a ballscrew: what the paper says against what its equations do."""
+"""NCTF control of a ballscrew: the statements of the paper compared with the results of its equations."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ GAIN = 505.0 * 32.3e-3  # alpha*K, m/(A.s2)
 K_PU = 2400.0  # A.s/m, the paper's ultimate gain
 K_P = 960.0  # A.s/m, 40 % of it
 COMPENSATORS = {"A": 0.1, "B": 0.175, "C": 0.25}
-"""omega_n*T_s of the compensators; fig. 10, which has them, is lost, so these are chosen: see the text."""
+"""omega_n*T_s of the compensators. The paper gives them in fig. 10, which is lost, so they are chosen: see the text."""
 WARM = {"plant.F_C": 0.87 * 0.046, "plant.F_S": 0.87 * 0.046, "plant.sigma_2": 0.76 * 9.7e-4}
 E_LIN = 0.643e-6
 """Position error in m at which the NCT's linear part ends."""
 SCAN = 1.01
-"""Ratio of one gain to the one before in a search for a limit of stability."""
+"""Ratio of neighbouring gains in a search for a limit of stability."""
 ZETA_LIMITS = {0.02: 195.6, 0.05: 78.0, 0.1: 38.2, 0.2: 17.9, 0.25: 13.5, 0.3: 10.3, 0.4: 5.3}
-"""Where the search for the largest damping ratio is centred, by omega_n*T_s: the figures of the independent runs."""
+"""omega_n*T_s -> centre of the search for the largest damping ratio, from the figures of the independent runs."""
 GAIN_LIMITS = {"": 2.395, "_parallel": 1.832, "_delayed": 1.832, "_frictionless": 0.645}
-"""Where the search for the ultimate gain in A.s/mm is centred."""
+"""Suffix of the runs -> centre of the search for the ultimate gain in A.s/mm."""
 MARGIN_LIMITS = {0: 616.40, 1: 256.63}
-"""Ultimate gain in A.s/m of the frictionless object of fig. 17 for 0 and 1 samples of delay: eigenvalues."""
+"""Ultimate gain in A.s/m of the frictionless object of fig. 17 for 0 and 1 samples of delay, from eigenvalues."""
 MARGINS = (0.1, 0.3, 0.6)
 MM = 1e3
 
@@ -56,7 +56,7 @@ def integral_gain(W: float) -> float:
 
 
 def zeta(gain: float, W: float) -> float:
-    """Damping ratio that ``gain`` in A.s/m means by eq. (3a)."""
+    """Damping ratio that corresponds to ``gain`` in A.s/m by eq. (3a); ``W`` is omega_n*T_s."""
     return gain * GAIN * T_S / (2.0 * W)
 
 
@@ -90,13 +90,13 @@ def measure_stairs(result: Result, window: Window) -> dict[str, float]:
 
 
 def measure_oscillation(result: Result, window: Window) -> dict[str, float]:
-    """Peak to peak and frequency of the last quarter of the run, and whether it is a sustained oscillation."""
+    """Peak-to-peak value [m] and frequency [Hz] in the last quarter of the run, and whether it oscillates."""
     found = oscillation(result.time[:-1], result["plant.position"][:-1])
     return {"swing": found.size, "swing_frequency": found.frequency, "oscillates": float(found.sustained)}
 
 
 def measure_pulse(result: Result, window: Window) -> dict[str, float]:
-    """Open-loop identification: rest, largest velocity, NCT and where its slope has given values."""
+    """Open-loop identification: rest position, largest velocity, NCT, and the errors at which it has given slopes."""
     signals = result.time, result["plant.command"], result["plant.position"], result["plant.velocity"]
     nct = nct_from_signals(*signals, e_lin=E_LIN)
     numbers = {
@@ -121,7 +121,7 @@ def gains(centre: float, count: int) -> list[float]:
 
 
 def limit_runs(name: str, system: str, centre: float, overrides: dict[str, float], count: int) -> dict[str, Run]:
-    """A step of 10 um at rising gains, A.s/m."""
+    """Runs of a step of 10 um at rising gains in A.s/m."""
     return {
         f"{name}_{i:02d}": Run(
             system,

@@ -1,4 +1,4 @@
-"""Fuzzy NCTF control of a linear stage: what the paper says against what its equations do."""
+"""Fuzzy NCTF control of a linear stage: the statements of the paper compared with the results of its equations."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ SINES = {
     "1mm_2pi": ("1 mm at 2π", 1e-3, 1.0),
     "1mm_4pi": ("1 mm at 4π", 1e-3, 2.0),
 }
-"""Amplitude in m and frequency in Hz; the labels have the paper's rad/s."""
+"""Amplitude in m and frequency in Hz; the labels have the frequency of the paper in rad/s."""
 STEPS = {"1mm": ("1 mm", 1e-3), "5mm": ("5 mm", 5e-3)}
 GRID = {"controller.defuzzification": "grid", "controller.grid_points": 101}
 POINTS = ((0.1, 0.0), (10.0, 0.0), (56.72, 0.0), (0.05, -1.0))
-"""u_p in mm/s, u_i in mm."""
+"""Inputs of the fuzzy rules at which the command is measured: u_p in mm/s, u_i in mm."""
 MM = 1e3
 RESPONSE = measures.step_response(shares={"settling": 0.02})
 
@@ -48,7 +48,7 @@ def runs() -> dict[str, Run]:
                 measure=measures.step_response(shares={"settling": 0.02}),
             )
     for u_p, u_i in POINTS:
-        # um of the source are mm/s; the first sample brings the integral, T_s = 0.5 s, to what the second completes
+        # 1 um of the source is 1 mm/s; two samples, T_s = 0.5 s, bring the integral to u_i, the first prepares it
         first = 1e-6 * (2.0 * u_i - u_p)
         found[rule_name(u_p, u_i)] = Run(
             "rules.toml",

@@ -46,7 +46,7 @@ CONTROLLERS = {name: str(entry.TITLE) for name, entry in ENTRIES.items()}
 GAINS = TUNE.read_gains(HERE)
 PLANTS = {"shams": "Shams", "feng": "Feng X", "maeda": "Maeda", "motor": "Linear motor", "nominal": "Nominal"}
 FRICTION = ("shams", "feng", "maeda")
-"""Plants with dry friction: they have a column without and one with a model of it."""
+"""Plants with dry friction: they have a column without and a column with a friction model."""
 MODELS = {False: "without model", True: "with model"}
 REFERENCES: Mapping[str, Mapping[str, Value]] = {
     "move": {
@@ -62,7 +62,7 @@ REFERENCES: Mapping[str, Mapping[str, Value]] = {
     "fast": {"trajectory.amplitude": 1e-3, "trajectory.frequency": 2.0},
     "slow": {"trajectory.amplitude": 5e-4, "trajectory.frequency": 0.25},
 }
-"""References of the judgement: moves of 10 mm, sines of 1 mm at 2 Hz and of 0.5 mm at 0.25 Hz. None is tuned on."""
+"""References for the judgement: moves of 10 mm, sines of 1 mm at 2 Hz and of 0.5 mm at 0.25 Hz. Tuning uses none."""
 WINDOW = (1.0, 5.0)
 MACHINES = 64
 BOXES: Mapping[str, Mapping[str, tuple[float, float]]] = {
@@ -87,7 +87,7 @@ BOXES: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "motor": {"plant.m": (0.8, 1.25), "plant.b": (0.5, 2.0), "plant.K_t": (0.5, 2.0), "plant.K_n": (0.5, 2.0)},
     "nominal": {"plant.alpha": (0.7, 1.4), "plant.K": (0.8, 1.25)},
 }
-"""What differs between machines: mass, friction, stiffness, damping, gain; factors."""
+"""Ranges of the factors by which machines differ, on mass, friction, stiffness, damping and gain."""
 
 
 # Runs
@@ -113,7 +113,7 @@ def activity(controller: str, plant: str) -> Callable[[Result, tuple[float, floa
 
 
 def start_values(controller: str, plant: str, model: bool, seed: int) -> dict[str, Value]:
-    """Gains found with a seed, as changes of the system with those of the first seed."""
+    """Gains found with ``seed``, as changes of the system that has the gains of the first seed."""
     row = GAINS[controller][plant][TUNE.COLUMNS[model]][str(seed)]["gains"]
     found: dict[str, Any] = {}
     for instance, start in TUNE.starts(ENTRIES[controller], TUNE.PLANTS[plant], TUNE.Gains(*row), model).items():
@@ -154,7 +154,7 @@ def runs() -> dict[str, Run]:
 
 
 def figure(outcomes: Outcomes, name: str, controller: str, plant: str, model: bool, case: str, seed: int = 1) -> float:
-    """A figure of a run; a plant without dry friction has the same in both columns."""
+    """A figure of a run; for a plant without dry friction it is the same in both columns."""
     system = TUNE.system_name(controller, plant, model and plant in FRICTION)
     return outcomes.number(f"{system}_{case}{'' if seed == TUNE.SEEDS[0] else f'_seed{seed}'}", name)
 
@@ -181,7 +181,7 @@ def correlation(one: Array, other: Array) -> float:
 
 
 def correlations(outcomes: Outcomes) -> Numbers:
-    """How the order depends on what was chosen."""
+    """Rank correlations that show how the order depends on the choices of the study."""
     rms = {model: places(outcomes, "error_rms", model) for model in MODELS}
     found = {f"seeds, {MODELS[m]}": correlation(rms[m], places(outcomes, "error_rms", m, 2)) for m in MODELS}
     for model, text in MODELS.items():
@@ -191,7 +191,10 @@ def correlations(outcomes: Outcomes) -> Numbers:
 
 
 def gain_of_model(outcomes: Outcomes) -> Numbers:
-    """rms error without over that with the model, geometric mean over plants with friction and references."""
+    """rms error without the friction model divided by that with it.
+
+    The ratio is the geometric mean over plants with friction and references.
+    """
     ratios = [
         [
             math.log(figure(outcomes, "error_rms", c, plant, False, reference))
@@ -205,7 +208,7 @@ def gain_of_model(outcomes: Outcomes) -> Numbers:
 
 
 def machines(name: str, model: bool) -> Callable[[Outcomes], Numbers]:
-    """The largest of a figure of the machines over that of the nominal machine, over the plants."""
+    """Figure of the machines divided by that of the nominal machine; the largest ratio over the plants."""
 
     def measure(outcomes: Outcomes) -> Numbers:
         return named(
@@ -223,7 +226,7 @@ def machines(name: str, model: bool) -> Callable[[Outcomes], Numbers]:
 
 
 def over_diagonal(_: Outcomes) -> Numbers:
-    """Cost of the best of the diagonal over that of three free gains, geometric mean over plants, columns, seeds."""
+    """Lowest cost on the diagonal divided by that with three free gains: geometric mean over plants, columns, seeds."""
     found: list[float] = []
     for controller in CONTROLLERS:
         rows = [row for plant in GAINS[controller].values() for column in plant.values() for row in column.values()]
@@ -232,7 +235,7 @@ def over_diagonal(_: Outcomes) -> Numbers:
 
 
 def seeds(outcomes: Outcomes) -> Numbers:
-    """The larger rms error of the two seeds over the smaller, median over plants, columns and references."""
+    """Ratio of the larger to the smaller rms error of two seeds: median over plants, columns and references."""
     return named(
         [
             float(
@@ -334,7 +337,7 @@ def tables(outcomes: Outcomes) -> str:
 
 
 def draw_maps(name: str, factor: float, unit: str) -> Callable[[Outcomes, Path], None]:
-    """Tables of controllers and plants, one a reference and column: a colour and a number a cell."""
+    """Draw tables of controllers and plants, one for each reference and column; a cell has a colour and a number."""
 
     def draw(outcomes: Outcomes, path: Path) -> None:
         def fill(canvas: Figure) -> None:
@@ -361,7 +364,7 @@ def draw_maps(name: str, factor: float, unit: str) -> Callable[[Outcomes, Path],
 
 
 def draw_choice(outcomes: Outcomes, path: Path) -> None:
-    """What a user weighs: error against activity on the moves, one panel a plant; a line leads to that with model."""
+    """Draw error over activity on the moves, one panel for each plant; lines lead to the points with friction model."""
     from matplotlib.ticker import NullFormatter
 
     def fill(canvas: Figure) -> None:

@@ -1,19 +1,19 @@
 """Systems of the ranking, and the search for the gains of every controller on every plant.
 
 All loops are sampled at 10 kHz and measure the position only (velocity by difference and a filter of 0.5 ms). They
-know the nominal mass M and viscous damping B of the plant at the table and may use the same largest force: four times
-what static friction, damping and 1.5 m/s2 need. A plant with dry friction has two columns: *without* model of friction,
-and *with* the same one for everyone, LuGre at the reference velocity with 0.8 of the dry friction. The sliding-mode
-controllers have it inside; ``FrictionFeedforward`` adds it to the force of every other one.
+know the nominal mass M and viscous damping B of the plant at the table and have the same force limit: four times the
+force for static friction, damping and 1.5 m/s2. A plant with dry friction has two columns: *without* a model of
+friction, and *with* the same model for all controllers, LuGre at the reference velocity with 0.8 of the dry friction.
+The sliding-mode controllers contain this model; ``FrictionFeedforward`` adds it to the force of all others.
 
-A controller is one file in ``controllers/``: its FMU, its connections and how its parameters follow from three free
-frequencies ``gains.fast`` (the fast pole), ``gains.position`` and ``gains.integral``.
+Each controller is a file in ``controllers/`` with its FMU, its connections, and the formulas for its parameters from
+three free frequencies: ``gains.fast`` (the fast pole), ``gains.position`` and ``gains.integral``.
 
 Equal budget: 60 simulations for each controller, plant, column and seed. The first 12 lie on a diagonal of the box of
 frequencies, the others are steps of a search by random steps (one-fifth rule) around the best. A simulation is the sine
-of 5 mm at 0.5 Hz with one sample of delay; what counts is the rms error, raised where the command varies more than 50
+of 5 mm at 0.5 Hz with one sample of delay. The cost is the rms error; it is raised if the command varies more than 50
 times as much as the motion needs. The frequencies used are 0.8 of the best ones, a margin to the edge of stability. The
-study judges on other references.
+study judges the controllers on other references.
 
 ``python tune.py [--controllers NAME ...] [--jobs N]`` writes ``gains.toml`` and ``systems/``; gains that are known are
 kept, ``--again`` searches anew. It needs the FMUs in build/fmus/native and takes about ten minutes on two cores.
@@ -48,15 +48,18 @@ FMUS = HERE.parents[1] / "build" / "fmus" / "native"
 T_S, FILTER = 1e-4, 5e-4
 SEEDS = (1, 2)
 BUDGET, DIAGONAL = 60, 12
+"""Number of simulations of a search, and of those on the diagonal of the box."""
 LOW, HIGH = (40.0, 5.0, 2.0), (8000.0, 2000.0, 2000.0)
 """Box of the three frequencies, 1/s."""
 CALM = 50.0
-"""Variation of a command that does not count against it, over the variation that the motion needs: a command that
-follows reversals, sine and disturbance has 1, a loop that swings by itself hundreds."""
+"""Largest variation of the command, relative to the variation that the motion needs, that does not raise the cost.
+
+A command that follows reversals, sine and disturbance has 1; a loop that oscillates has several hundreds.
+"""
 MARGIN = 0.8
-"""Frequencies used over those found: one step of about 1.25 away from the edge at which the loop begins to swing."""
+"""Ratio of the frequencies used to the frequencies found: a factor of 1.25 from the edge of oscillation."""
 SHARE = 0.8
-"""What the model knows of the dry friction."""
+"""Share of the dry friction that the friction model contains: a model is never perfect."""
 COLUMNS = {False: "without", True: "with"}
 """Whether there is a model of friction -> name of the column."""
 Start = dict[str, Any]
@@ -65,7 +68,7 @@ FEED_LEAD = 1.5915494309189535e-3
 
 @dataclass(frozen=True)
 class Plant:
-    """A plant and what its table shows: mass, damping, friction (SI); one N at the table is ``unit`` of its command."""
+    """A plant, with mass, damping and friction at its table (SI); 1 N at the table needs a command of ``unit``."""
 
     text: str
     fmu: str
@@ -76,7 +79,7 @@ class Plant:
     F_S: float
     unit: float
     disturbance: tuple[str, float]
-    """Input for disturbances, and its value for one N against positive motion."""
+    """Input for disturbances, and its value for a force of 1 N against positive motion."""
     lead: float = 1e-3
     friction: tuple[float, float, float, float] = (1e5, 300.0, 0.0, 1e-2)
     """sigma_0, sigma_1, sigma_2, v_s at the screw, for models of friction."""
@@ -87,12 +90,12 @@ class Plant:
 
     @property
     def reserve(self) -> float:
-        """Acceleration in m/s2 for what is not known: 0.1 m/s2, and 0.3 of the damping at 50 mm/s."""
+        """Reserve of acceleration in m/s2 for unknown forces: 0.1 m/s2, and 0.3 of the damping at 50 mm/s."""
         return 0.1 + 0.3 * self.B * 0.05 / self.M
 
     @property
     def needed_variation(self) -> float:
-        """Change of the force in N a second that sine, reversals and disturbance need."""
+        """Variation of the force in N per second that sine, reversals and disturbance need."""
         inertia, reversals, disturbance = 2.0 * 5e-3 * math.pi**2, 2.0 * self.F_C / self.M, 12.0 * 0.05
         return self.M * (inertia + reversals + disturbance)
 
@@ -258,7 +261,7 @@ def document(controller: ModuleType, plant: Plant, gains: Gains, model: bool) ->
     }
     given |= {
         "trajectory": {"kind": "sine", "amplitude": 5e-3, "frequency": 0.5, "soft_start": 0.5, "T_s": T_S},
-        # 0.1 m of it are 1 m/s2 of the mass.
+        # A connection factor makes 0.1 m of this signal an acceleration of 1 m/s2 of the mass.
         "disturbance": {"kind": "sine", "amplitude": 5e-3, "frequency": 3.0},
         "plant": plant.start,
     }
@@ -291,7 +294,7 @@ def cost(system: dict[str, Any], plant: Plant) -> float:
 
 
 def search(name: str, key: str, model: bool, seed: int) -> tuple[Gains, float, float]:
-    """The best gains of ``BUDGET`` simulations, and the cost of the best of the diagonal and of all."""
+    """The best gains of ``BUDGET`` simulations, the lowest cost on the diagonal, and the lowest cost of all."""
     controller, plant = controllers()[name], PLANTS[key]
     random = np.random.default_rng([seed, zlib.crc32(f"{name} {key} {model}".encode())])
     low, high = np.log(LOW), np.log(HIGH)
@@ -369,7 +372,7 @@ def main() -> None:
 
 
 def _sorted(tables: dict[str, Any]) -> dict[str, Any]:
-    """The same with the keys of tables in order, so that the file does not depend on which search ends first."""
+    """The same tables with sorted keys, so that the file does not depend on the order in which searches end."""
     if "gains" in tables:
         return tables
     return {key: _sorted(value) for key, value in sorted(tables.items())}

@@ -28,7 +28,7 @@ RELAY: Values = {**FIT, "controller.switching": "relay"}
 
 
 def errors(result: Result) -> tuple[Array, Array]:
-    """Reference minus actual position and velocity, the paper's sign."""
+    """Errors of position and velocity as reference minus actual value, the sign of the paper."""
     return (
         result["trajectory.position"] - result["plant.position"],
         result["trajectory.velocity"] - result["plant.velocity"],
@@ -106,7 +106,7 @@ def runs() -> dict[str, Run]:
 
 
 def induced(runs_: Mapping[str, tuple[str, str]]) -> Callable[[Outcomes], Numbers]:
-    """rms of the position that the disturbance adds, um: label -> (disturbed run, free run)."""
+    """rms in um of the position change by the disturbance; ``runs_``: label -> (disturbed run, free run)."""
 
     def measured(outcomes: Outcomes) -> Numbers:
         return {
@@ -132,7 +132,7 @@ def damped(outcomes: Outcomes) -> Numbers:
 
 
 def growth(outcomes: Outcomes) -> Numbers:
-    """Largest error of the last five seconds over that from 10 to 20 s."""
+    """Largest error of the last five seconds divided by the largest error from 10 to 20 s."""
     return {
         label: outcomes.number(name, "e_end") / outcomes.number(name, "e_early")
         for label, name in (("K_i = 4.9", "stable"), ("K_i = 5.5", "unstable"))
@@ -158,7 +158,7 @@ RULES = {
 
 
 def draw_added(outcomes: Outcomes, path: Path) -> None:
-    """What the slow force adds to the position."""
+    """Draw the position change by the slow force."""
     panels: list[plots.Panel] = []
     for i, (label, (loaded, free)) in enumerate(
         {

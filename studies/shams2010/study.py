@@ -1,4 +1,4 @@
-"""Ballscrew stage under three sliding-mode controllers: what the chapter says against what its equations do."""
+"""Ballscrew stage under three sliding-mode controllers: the statements of the chapter against its equations."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ RULE_POINTS = (
     (0.05, 0.02),
 )
 V_D = 0.01
-"""Speed in rad/s beyond which the damping of the bristles has faded in the passive plant."""
+"""Speed in rad/s at which the damping of the bristles fades in the passive plant (v_d)."""
 DAMPINGS = {"": 632.4555320336759, "_no_damping": 0.0}
-"""sigma_1_hat in N.m.s/rad: that of table 2, and none."""
+"""sigma_1_hat in N.m.s/rad: the value of table 2, and 0."""
 
 
 # Figures of a run
@@ -194,14 +194,17 @@ def spikes(outcomes: Outcomes) -> Numbers:
 
 
 def poles(outcomes: Outcomes) -> Numbers:
-    """Poles at rest: their sum from the acceleration of a moving stage, bristles straight, the slow from its decay."""
+    """Poles of the stage at rest.
+
+    Their sum comes from the acceleration of a moving stage with straight bristles, the slow pole from its decay.
+    """
     start = outcomes["stage_poles"].numbers
     slow = -start["decay_rate"]
     return {"fast": start["acceleration_start"] / start["speed_start"] - slow, "slow": slow}
 
 
 def fuzzy(outcomes: Outcomes) -> Numbers:
-    """The fuzzy output at the points of the table; NaN where the controller did not see the surfaces wanted."""
+    """The fuzzy output at the points of the table; NaN if the controller did not reach the wanted surfaces."""
     found: dict[str, float] = {}
     for s, s_c in RULE_POINTS:
         numbers = outcomes[rule_run(s, s_c)].numbers

@@ -1,4 +1,4 @@
-"""A batch of runs of a sweep, wherever it is done."""
+"""A batch of runs of a sweep, carried out in this process or by a worker."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .workers import Limit, Loadable, LoadError, Worker, WorkerError
 
 @dataclass(frozen=True)
 class Job:
-    """What it takes to do runs of a sweep elsewhere, in plain values."""
+    """The data that another process needs for runs of a sweep, in plain values."""
 
     system: Loadable
     parameters: tuple[str, ...]
@@ -27,21 +27,21 @@ class Job:
 
     @classmethod
     def of(cls, sweep: Sweep) -> Job:
-        """The part of a sweep that workers get."""
+        """The job of a sweep: the part of it that workers get."""
         return cls(Loadable.of(sweep.system), sweep.parameters, sweep.metrics, sweep.window, sweep.timeout)
 
     @property
     def judge(self) -> Callable[[Result], dict[str, float]]:
-        """The figures of a run."""
+        """The function that computes the figures of a run."""
         return partial(measure, wanted=self.metrics, window=self.window)
 
 
 def run_batch(
     job: Job, numbers: Sequence[int], points: Sequence[Point], worker: Worker | None = None, limit: Limit | None = None
 ) -> list[RunRow]:
-    """Carry out some runs, in this process or by ``worker``; one that fails gives a row with its error.
+    """Carry out some runs, in this process or by ``worker``. A run that fails gives a row with its error.
 
-    ``limit`` learns how long runs take. Raises DescriptionError or LoadError if the system as such cannot be run here.
+    ``limit`` learns how long runs take. Raises DescriptionError or LoadError if no run of the system is possible here.
     """
     limit = limit if limit is not None else Limit(job.timeout)
     rows: list[RunRow] = []

@@ -1,4 +1,4 @@
-"""Who does the runs of a sweep: workers of this machine, or the cluster of a dask scheduler."""
+"""The crew that carries out the runs of a sweep: workers of this machine, or the cluster of a dask scheduler."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from .plan import Point
 from .workers import Limit, Workers
 
 CONNECT_SECONDS = 10.0
-"""How long a scheduler may take to answer, at the start and after the connection was lost."""
+"""Longest time in which a scheduler must answer, at the start and after the connection was lost."""
 
 ABSENT_SECONDS = 60.0
-"""How long a cluster may be without workers: those that died may be started again, which takes seconds."""
+"""Longest time that a cluster may be without workers: workers that died may start again, which takes seconds."""
 
 
 class ClusterError(CosimError):
@@ -37,18 +37,18 @@ class Crew(Protocol):
     """Takes batches of runs."""
 
     count: int
-    """How many batches are done side by side."""
+    """Number of batches that run at the same time."""
 
     def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[RunRow]]:
-        """Have a batch done; ``limit`` is that of a run."""
+        """Start a batch; ``limit`` is the time limit of a run."""
         ...
 
     def rows(self, future: Future[list[RunRow]]) -> list[RunRow]:
-        """What came back. Raises BatchLost, or what the batch raised."""
+        """The rows of a finished batch. Raises BatchLost, or the error that the batch raised."""
         ...
 
     def check(self) -> None:
-        """Raise ClusterError if nobody does the batches any more."""
+        """Raise ClusterError if no worker is left for the batches."""
         ...
 
 
@@ -64,7 +64,7 @@ class Threads:
         return self
 
     def __exit__(self, *error: object) -> None:
-        # Those in the middle of a run are not waited for.
+        # Do not wait for threads in the middle of a run.
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._workers.stop()
         self._pool.shutdown(wait=True)
@@ -103,7 +103,7 @@ class Cluster:
         self._seen = clock_time.monotonic()
         self._levels = {logger: logger.level for logger in _loggers()}
         for logger in self._levels:
-            # A scheduler that is gone is told in one sentence, not in tracebacks.
+            # The loss of the scheduler is reported in one sentence; dask would log tracebacks.
             logger.setLevel(logging.CRITICAL)
 
     def __enter__(self) -> Self:
@@ -115,7 +115,7 @@ class Cluster:
 
     def __exit__(self, *error: object) -> None:
         with contextlib.suppress(Exception):
-            # A scheduler that is gone cannot be told.
+            # A scheduler that is gone does not answer.
             self._client.close(timeout=CONNECT_SECONDS)
         for logger, level in self._levels.items():
             logger.setLevel(level)
@@ -156,7 +156,7 @@ class Cluster:
 
 
 def _loggers() -> list[logging.Logger]:
-    """Those of dask.distributed."""
+    """The loggers of dask.distributed."""
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
     return [logging.getLogger(name) for name in names]
 
@@ -168,7 +168,7 @@ atexit.register(_workers.stop)
 
 
 def cluster_batch(job: Job, batch: Sequence[int], points: Sequence[Point], longest: float) -> list[RunRow]:
-    """Do a batch in a process of a cluster; ``longest`` is the time of the longest run so far, NaN if there is none."""
+    """Carry out a batch in a process of a cluster; ``longest`` is the longest time of a run so far in s, or NaN."""
     limit = _limits.setdefault(job.system.digest, Limit(job.timeout))
     limit.given = job.timeout
     if not math.isnan(longest):

@@ -1,4 +1,4 @@
-"""The data set of a sweep: one file a part, written so that a stopped sweep goes on."""
+"""The data set of a sweep: a file for each batch of rows, so that an interrupted sweep can go on."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ from .plan import Point, Sweep, variable_of
 ABOUT = "sweep.json"
 DAMAGED = ".damaged"
 DIGEST = b"cosim.sweep"
-"""Key of the sweep's digest in the metadata of each Parquet file: rows can be told apart without ``sweep.json``."""
+"""Key of the sweep's digest in the metadata of each Parquet file.
+
+It shows which sweep the rows belong to, even without ``sweep.json``.
+"""
 
 
 @dataclass(frozen=True)
 class RunRow:
-    """One run as it is recorded."""
+    """One run as the data set holds it."""
 
     run: int
     values: Point
@@ -39,11 +42,11 @@ class DataSet:
         self.folder = folder
         self.runs = folder / "runs"
         self.notes: list[str] = []
-        """What ``open`` found damaged, in sentences."""
+        """The damages that ``open`` found, one sentence each."""
 
     @contextlib.contextmanager
     def locked(self) -> Generator[None]:
-        """Keep other sweeps away from the folder. Raises DescriptionError if one is at work there."""
+        """Lock the folder against other sweeps. Raises DescriptionError if another sweep is writing there."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -58,7 +61,8 @@ class DataSet:
         except OSError as error:
             raise DescriptionError(f"{self.folder}: cannot be read: {reason(error)}. Name another folder.") from None
         try:
-            # The system drops the lock when the process ends, however it ends. Some file systems have no locks.
+            # The operating system releases the lock when the process ends, also by a crash. Some file systems have
+            # no locks.
             with contextlib.suppress(OSError):
                 try:
                     fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -71,10 +75,10 @@ class DataSet:
             os.close(number)
 
     def open(self, sweep: Sweep, *, restart: bool = False) -> set[int]:
-        """Make or take up the data set of ``sweep``; the numbers of the runs it holds.
+        """Create or continue the data set of ``sweep``; returns the numbers of the runs that it holds.
 
-        Files that are damaged are set aside, and their runs are missing. Raises DescriptionError if the folder holds
-        another sweep, FileError.
+        Damaged files are set aside, so their runs count as missing. Raises DescriptionError if the folder holds another
+        sweep, FileError if it cannot be written.
         """
         if not self.runs.is_dir() and not (self.folder / ABOUT).exists() and any(self.folder.iterdir()):
             raise DescriptionError(f"{self.folder} is not empty and holds no sweep. Name another folder.")
@@ -109,7 +113,7 @@ class DataSet:
         return set(self.read().column("run").to_pylist())
 
     def _digest(self) -> str | None:
-        """The digest in ``sweep.json``; None if that is not there or damaged."""
+        """The digest in ``sweep.json``; None if the file is missing or damaged."""
         path = self.folder / ABOUT
         try:
             return str(self.about()["digest"])
@@ -120,7 +124,7 @@ class DataSet:
             return None
 
     def about(self) -> Mapping[str, Any]:
-        """The description of the sweep. Raises FileNotFoundError, DescriptionError if it is damaged."""
+        """The description of the sweep. Raises FileNotFoundError, or DescriptionError if it is damaged."""
         path = self.folder / ABOUT
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
@@ -135,7 +139,7 @@ class DataSet:
         raise DescriptionError(f"{path} is damaged. The command of the sweep writes it anew.")
 
     def _checked(self, path: Path) -> str | None:
-        """The digest that a file of rows names, "" if it names none; None for a damaged one, which is set aside."""
+        """The digest in a file of rows, "" if it has none. A damaged file is set aside and gives None."""
         parquet, broken = _parquet()
         try:
             table = parquet.read_table(path)
@@ -150,7 +154,7 @@ class DataSet:
         return metadata.get(DIGEST, b"").decode()
 
     def write(self, sweep: Sweep, rows: Sequence[RunRow]) -> None:
-        """Add a file with ``rows``, complete or not at all. Raises FileError."""
+        """Add a file with ``rows``; it is written completely or not at all. Raises FileError."""
         import pyarrow
 
         arrow = cast(Any, pyarrow)
@@ -188,7 +192,7 @@ class DataSet:
 
 
 def _parquet() -> tuple[Any, type[Exception]]:
-    """The module for Parquet files, and the exception for one that is damaged."""
+    """The module for Parquet files, and the exception that it raises for a damaged file."""
     try:
         import pyarrow as _pyarrow
         from pyarrow import parquet as _module

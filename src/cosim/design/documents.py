@@ -1,4 +1,4 @@
-"""Files that ask for runs of a system: sweeps, tunings and maps of limits, as tables with their keys."""
+"""Schemas of the files that ask for runs of a system: sweeps, tunings, maps of limits, fits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RangeData(Table):
         return self
 
     def at(self, share: float) -> float:
-        """The value at a share of the way, 0 ... 1."""
+        """The value at ``share`` of the range: 0 is its lower end, 1 its upper end."""
         if self.log:
             return self.low * (self.high / self.low) ** share
         return self.low + (self.high - self.low) * share
@@ -67,7 +67,7 @@ Figure = Annotated[
     Annotated[MetricData, Tag("table")] | Annotated[Window, Tag("list")],
     Discriminator(_list_or_table),
 ]
-"""A figure, or, under the key ``window``, begin and end of the time in which figures are taken, in s."""
+"""A figure. Under the key ``window``: begin and end in s of the time in which all figures are taken."""
 
 
 class ExperimentData(Table):
@@ -95,7 +95,7 @@ class SweepData(RunsData):
 
     method: Literal["grid", "list", "latin", "sobol"] = "grid"
     count: Count | None = None
-    """Of latin and sobol: how many runs."""
+    """Number of runs, for latin and sobol only."""
     seed: int = 1
     parameters: Annotated[dict[str, Axis], Field(min_length=1)]
 
@@ -110,10 +110,10 @@ class TuningData(RunsData):
     """A tuning file."""
 
     objective: Text
-    """The metric that is to be small."""
+    """Name of the metric that is minimized."""
     generations: Count = 30
     population: Count = 15
-    """Points of a generation for each parameter."""
+    """Number of points in a generation for each parameter."""
     seed: Count = 1
     parameters: Annotated[dict[str, RangeData], Field(min_length=1)]
     limits: Mapping[str, Number] = {}
@@ -146,11 +146,11 @@ class MapData(Table):
     alpha: Positive
     """Inclination of the NCT in the gain formulas, 1/s."""
     K: Positive
-    """Way a unit of command and second, m/s."""
+    """Displacement in m for a command of one unit during one second, m/s for a unit of command."""
     W: Frequencies
     """Values of omega_n*T_s."""
     pulse: Text | None = None
-    """The system that identifies the NCT of cases with ``nct = true``."""
+    """System file of the pulse that identifies the NCT of cases with ``nct = true``."""
     controller: Text | None = None
     """The instance that gets the NCT; default: that of the study's names."""
     overrides: Mapping[str, Any] = {}
@@ -176,7 +176,7 @@ class FreeData(Table):
     low: Annotated[Number | None, Field(alias="from")] = None
     high: Annotated[Number | None, Field(alias="to")] = None
     log: bool = False
-    """Whether it is looked for over its logarithm."""
+    """Whether the search uses the logarithm of the value."""
 
     @model_validator(mode="after")
     def _in_order(self) -> FreeData:
@@ -212,15 +212,15 @@ class OutputData(Table):
     signal: Text
     column: Text | None = None
     unit: Text | None = None
-    """Unit of the column; default: as the record says, else that of the signal."""
+    """Unit of the column; default: the unit in the record, else the unit of the signal."""
     factor: Number = 1.0
-    """Of the column, before it is compared."""
+    """Factor on the column before it is compared."""
     reference: Text | None = None
-    """Column about which figures are told: with the reference of a loop they are those of the tracking error."""
+    """Column that is subtracted for the figures: the reference of a loop gives figures of the tracking error."""
     noise: Positive | None = None
     """Standard deviation in the unit of the signal."""
     delay: FixedOrFree = 0.0
-    """Time in s by which the record is late."""
+    """Delay of the record in s."""
     gain: FixedOrFree = 1.0
     bias: FixedOrFree = 0.0
 

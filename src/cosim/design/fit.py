@@ -3,9 +3,9 @@
     fitted = fit("fit.toml", workers=2)
     fitted.values, fitted.estimates, fitted.comparisons
 
-The file is that of ``cosim.design.fit_file``. Least squares over the difference between records and runs in units of
-noise: scipy's trust region method with bounds; derivatives are differences of runs, which are done side by side. What
-the records cannot tell is named, see ``cosim.design.fit_statistics``.
+``cosim.design.fit_file`` describes the file. A fit minimizes the squares of the differences between records and runs,
+in units of noise, by scipy's trust region method with bounds. Derivatives are differences of runs, which are carried
+out in parallel. The result names values that the records cannot tell, see ``cosim.design.fit_statistics``.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from .fit_solver import Found, Solver
 from .fit_statistics import NORMAL, Peak, Spread, Weak, agreement, peaks, repeatability
 
 ALIKE = 0.99
-"""Values with a larger correlation are told of."""
+"""Pairs of values with a larger correlation are reported."""
 
 Advance = Callable[[int, float], None]
-"""Is told the runs so far and the sum of squares over samples of the best."""
+"""Function called with the number of runs so far and the best sum of squares divided by the number of samples."""
 
 
 @dataclass(frozen=True)
@@ -44,19 +44,19 @@ class Estimate:
     start: float
     value: float
     low: float
-    """Of the 95 % interval, as ``high``; infinite where the records do not tell."""
+    """Lower end of the 95 % interval, whose upper end is ``high``; infinite if the records do not tell the value."""
     high: float
     deviation: float
     """Standard deviation in ``unit``."""
     told: bool
     at_bound: bool
     effects: Mapping[str, float]
-    """By output: rms change of the signal, in its unit, for 1 % more of this value."""
+    """Output -> rms change of its signal, in the unit of the signal, if this value is 1 % larger."""
 
 
 @dataclass(frozen=True)
 class OutputFit:
-    """A record against the system, for one output."""
+    """The comparison of a record with the system, for one output."""
 
     record: str
     output: str
@@ -65,13 +65,13 @@ class OutputFit:
     rms: float
     largest: float
     relative: float
-    """rms of the difference over that of the signal, %; of the tracking error where the output has a reference."""
+    """rms of the difference in % of the rms of the signal, or of the tracking error if the output has a reference."""
     fit: float
     """100*(1 - norm(difference)/norm(signal - mean)), %."""
     repeatability: float
     """rms difference from lap to lap; NaN if the record names no period."""
     peaks: tuple[Peak, ...]
-    """Of the spectrum of the difference."""
+    """Peaks in the spectrum of the difference."""
     time: Array
     measured: Array
     expected: Array
@@ -79,7 +79,7 @@ class OutputFit:
 
 @dataclass(frozen=True)
 class Fitted:
-    """What a fit, or the look before one, has found."""
+    """The result of ``fit`` or ``sensitivities``."""
 
     fit: Fit
     estimates: tuple[Estimate, ...]
@@ -89,15 +89,15 @@ class Fitted:
     converged: bool
     message: str
     held: tuple[str, ...]
-    """Values that stayed where they start, since the records do not tell them beside the others."""
+    """Values that kept their start: the records do not tell them together with the others."""
     loops: int
-    """Runs of a record."""
+    """Number of runs; a run is one simulation of one record."""
     seconds: float
     run_seconds: float
-    """Time in runs, over all workers."""
+    """Total time of all runs in s, summed over the workers."""
     workers: int
     costs: tuple[float, ...]
-    """For each start, sum of squares over samples at its end; infinite if it failed."""
+    """For each starting point, the final sum of squares divided by the number of samples; infinite if it failed."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -106,7 +106,7 @@ class Fitted:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What a user should know, in sentences: what is not told, goes together, is at a bound or was held."""
+        """Sentences for the user on values that are not told, that are correlated, that are at a bound or were held."""
         found = [str(weak) for weak in self.weak]
         if self.held:
             found.append(f"While the others were fitted, {', '.join(self.held)} stayed at the start.")
@@ -141,10 +141,10 @@ def fit(
     fmus: str | Path | None = None,
     progress: Advance = lambda loops, cost: None,
 ) -> Fitted:
-    """Carry out a fit; ``workers`` processes do runs side by side (default: one a core).
+    """Carry out a fit; ``workers`` processes run in parallel (default: one for each core).
 
-    Raises DescriptionError for a file that is wrong, a value that nothing depends on, a record without excitation;
-    SimulationError if the run fails at the starting point.
+    Raises DescriptionError for a wrong file, a value that no output depends on, or a record without excitation;
+    SimulationError if the run at the starting point fails.
     """
     return _carried_out(source, workers, fmus, progress, search=True)
 
@@ -156,7 +156,7 @@ def sensitivities(
     fmus: str | Path | None = None,
     progress: Advance = lambda loops, cost: None,
 ) -> Fitted:
-    """What the records would tell, judged where the values start; nothing is fitted. Raises as ``fit`` does."""
+    """How well the records tell the values, judged at the start values; no value is fitted. Raises as ``fit`` does."""
     return _carried_out(source, workers, fmus, progress, search=False)
 
 
@@ -225,7 +225,7 @@ def _estimates(solver: Solver, z: Array, known: Spread, effects: Sequence[Mappin
 
 
 def _comparisons(solver: Solver, z: Array) -> tuple[OutputFit, ...]:
-    """All records against the system, those that validate included."""
+    """The comparisons of all records with the system, including the records for validation."""
     point = solver.coordinates.back(z)
     of_runs = solver.runs.traces([point], solver.fit.records)[0]
     found: list[OutputFit] = []
@@ -263,7 +263,7 @@ def _compared(record: FitRecord, output: Output, shown: Array) -> OutputFit:
 
 
 def summary(fitted: Fitted) -> dict[str, Any]:
-    """What a fit has found, as JSON holds it: without the signals."""
+    """The result of a fit as values for JSON, without the signals."""
     names = [estimate.name for estimate in fitted.estimates]
     return {
         "parameters": {
@@ -292,9 +292,9 @@ def summary(fitted: Fitted) -> dict[str, Any]:
 
 
 def write_fit(fitted: Fitted, folder: Path, *, base: str | None = None) -> list[Path]:
-    """Write start.toml, fit.json, and for each record NAME.csv with what was measured, expected and their difference.
+    """Write start.toml, fit.json, and for each record NAME.csv with measured and expected signals and their difference.
 
-    ``base`` is the file that start.toml completes. Raises FileError.
+    ``base`` is the system file that start.toml extends. Returns the paths. Raises FileError.
     """
     start = folder / "start.toml"
     write_start(fitted, start, base=base)
@@ -312,7 +312,7 @@ def write_fit(fitted: Fitted, folder: Path, *, base: str | None = None) -> list[
 
 
 def _finite(value: Any) -> Any:
-    """``value`` as JSON can hold it: what is not finite becomes null."""
+    """``value`` as JSON allows it: infinity and NaN become null."""
     if isinstance(value, dict):
         return {str(key): _finite(item) for key, item in cast("dict[Any, Any]", value).items()}
     if isinstance(value, list):
@@ -321,5 +321,5 @@ def _finite(value: Any) -> Any:
 
 
 def write_start(fitted: Fitted, path: Path, *, base: str | None = None) -> None:
-    """Write a system file with the fitted start values; ``base`` is the file it completes. Raises FileError."""
+    """Write a system file with the fitted start values; ``base`` is the file that it extends. Raises FileError."""
     tables.write_start(path, fitted.start_values, base=base)

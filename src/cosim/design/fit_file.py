@@ -64,9 +64,9 @@ from .documents import FitData, FreeData, OutputData, ParameterData, RecordData
 from .fit_statistics import fast_noise
 
 LEAST_SAMPLES = 20
-"""Samples of a record in its window: fewer tell nothing about noise."""
+"""Least number of samples of a record in its window: with fewer samples the noise cannot be estimated."""
 STILL = 3.0
-"""A record whose column varies by less than this many times its noise is one without excitation."""
+"""A record has no excitation if the variation of its column divided by the noise is below this number."""
 
 
 @dataclass(frozen=True)
@@ -74,23 +74,23 @@ class Free:
     """A free value."""
 
     name: str
-    """INSTANCE.VARIABLE, with the record behind it where it is free there only; or OUTPUT delay, gain or bias."""
+    """INSTANCE.VARIABLE, followed by the record if it is free in one record only; or OUTPUT delay, gain or bias."""
     unit: str
     start: float
     low: float
     high: float
     log: bool
     variables: tuple[str, ...] = ()
-    """What it sets; empty for delay, gain and bias of an output."""
+    """The variables that get this value; empty for delay, gain and bias of an output."""
     record: str = ""
     """The record in which it is free; "" for all."""
     output: str = ""
     part: str = ""
-    """Of an output: delay, gain or bias."""
+    """"delay", "gain" or "bias" for a value of an output, else ""."""
 
     @property
     def scale(self) -> float:
-        """A change that matters: the value itself, or a part of its range where it starts at 0."""
+        """The size of a change that matters: the start value itself, or a part of its range if it starts at 0."""
         if self.start != 0.0:
             return abs(self.start)
         if math.isfinite(self.high - self.low):
@@ -106,10 +106,10 @@ class Output:
     signal: str
     unit: str
     noise: float
-    """Standard deviation; where the file does not say it, that of the fast part of the records."""
+    """Standard deviation in the unit of the signal; default: that of the fast part of the records."""
     noise_given: bool
     fixed: Mapping[str, float]
-    """Delay, gain and bias, where they are not free their values, else where they start."""
+    """Values of delay, gain and bias; for a free one, its start value."""
 
 
 @dataclass(frozen=True)
@@ -121,11 +121,11 @@ class FitRecord:
     system: System
     time: Array
     values: Mapping[str, Array]
-    """Of the outputs, in the units of their signals."""
+    """Output -> measured values in the unit of its signal."""
     references: Mapping[str, Array]
-    """What figures of an output are about, for outputs that have it."""
+    """Output -> reference that is subtracted for its figures, for outputs with a reference."""
     part: slice
-    """The window."""
+    """The samples in the window of the record."""
     validates: bool
     period: float | None
 
@@ -164,7 +164,7 @@ def read_fit(path: str | Path, *, fmus: str | Path | None = None) -> Fit:
 def make_fit(
     document: Mapping[str, Any], *, name: str = "fit", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> Fit:
-    """Check a fit given as nested tables, as a fit file holds them. Raises DescriptionError."""
+    """Check a fit given as nested tables, as a fit file holds them. Raises DescriptionError with all problems."""
     data, problems = checked(document, FitData, name)
     if data is None:
         raise DescriptionError(problems)
@@ -172,7 +172,7 @@ def make_fit(
 
 
 class _Reader:
-    """Checks a fit file, and reads what it names."""
+    """Checks a fit file, and reads the system and the records that it names."""
 
     def __init__(self, data: FitData, name: str, folder: Path, fmus: Path | None, problems: list[str]) -> None:
         self.data, self.name, self.folder, self.fmus = data, name, folder, fmus
@@ -256,7 +256,7 @@ class _Reader:
         return record
 
     def _system(self, name: str, record: Record) -> System | None:
-        """The system with this record as its source: where it is one, the run begins with its first sample."""
+        """The system for this record. If the record is a source of the system, the run begins with its first sample."""
         given = self.data.records[name]
         signals = dict(cast("Mapping[str, Any]", self.document.get("signals", {})))
         for table in signals if given.signals is None else given.signals:
@@ -270,7 +270,7 @@ class _Reader:
         try:
             step = Fraction(str(experiment.get("step_size", document.get("experiment", {}).get("step_size", 0))))
             if step > 0 and "stop_time" not in experiment:
-                # The last communication point that the record still covers.
+                # The run ends at the last communication point within the record.
                 last = float(record.time[-1]) - self._shift(record)
                 steps = math.floor(Fraction(repr(last)) / step + Fraction(1, 10**6))
                 experiment["stop_time"] = Decimal(repr(float(max(steps, 1) * step)))
@@ -289,7 +289,7 @@ class _Reader:
             return None
 
     def _shift(self, record: Record) -> float:
-        """Time of the record at the start of the run, less that start: 0 where the record is no source of the run."""
+        """Time of the record minus time of the run in s; 0 if the record is no source of the run."""
         start = float(self.document.get("experiment", {}).get("start_time", 0))
         return float(record.time[0]) - start if self.document.get("signals") else 0.0
 
@@ -299,7 +299,7 @@ class _Reader:
         given, shift = self.data.records[name], self._shift(record)
         time = record.time - shift if shift else record.time
         low, high = (end - shift for end in given.window or (-math.inf, math.inf))
-        # A sample that is late shows what was before the start: it is left out.
+        # With a delay, the first samples show the time before the start of the run: they are left out.
         latest = max(_most(output.delay) for output in self.data.outputs.values())
         low = max(low, float(system.start_time) + latest)
         high = min(high, float(system.stop_time) + 1e-9)
@@ -346,7 +346,7 @@ class _Reader:
             factor = conversion(stated, unit) if stated and stated != unit else 1.0
         except DescriptionError as error:
             if given.unit is None and given.factor != 1.0:
-                factor = 1.0  # The factor says what a unit cannot.
+                factor = 1.0  # The factor in the file replaces the conversion of units.
             else:
                 self._problem(f"outputs.{output}", f"{record.path.name}, column {column}: {error}")
                 factor = 1.0
@@ -379,7 +379,7 @@ class _Reader:
         return Output(name, given.signal, unit, noise, given.noise is not None, fixed)
 
     def _check_excitation(self, record: FitRecord, outputs: Sequence[Output]) -> None:
-        """A record in which nothing moves tells nothing."""
+        """Report columns that do not vary: such a record tells nothing about the values."""
         moving = [
             output
             for output in outputs
@@ -492,7 +492,7 @@ class _Reader:
 
 
 def _most(value: float | FreeData) -> float:
-    """The largest value of what is fixed or free; 0 if it has no upper end."""
+    """The largest value that a fixed or free number can take, but at least 0; 0 without upper bound."""
     if isinstance(value, FreeData):
         return max(value.high or 0.0, 0.0)
     return max(value, 0.0)

@@ -1,4 +1,4 @@
-"""The page of a fit: values, what the records do not tell, records against the system, residuals and their spectrum."""
+"""The page of a fit: values, values not told by the records, records against the system, residuals, their spectrum."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def write_page(fitted: Fitted, path: Path) -> Path:
 
 
 def sections(fitted: Fitted) -> list[Section]:
-    """What the page holds."""
+    """The sections of the page."""
     return [
         Section("Values", [_values(fitted), Notes(fitted.findings)] if fitted.findings else [_values(fitted)]),
         Section("Records against the system", [_agreement(fitted), *_charts(fitted)]),
@@ -78,7 +78,7 @@ def _residuals(fitted: Fitted) -> list[Text | Chart]:
             found = spectrum(c.time, c.measured - c.expected)
             frequency, density = found.frequency, found.density
             noise = next(output.noise for output in fitted.fit.outputs if output.name == c.output)
-            # White noise of this deviation has this density up to half of the sampling frequency.
+            # The density of white noise with this standard deviation, up to half of the sampling frequency.
             level = noise / math.sqrt(float(frequency[-1]))
             lines = (
                 Series("difference", frequency, density, 2),

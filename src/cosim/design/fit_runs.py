@@ -1,4 +1,4 @@
-"""The runs of a fit: what the system gives in each record for values of what is free, several runs side by side."""
+"""The runs of a fit: signals of the system for each record at given free values. Several runs are done in parallel."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from .fit_file import Fit, FitRecord, Free, Output
 from .workers import Limit, Loadable, LoadError, Worker, Workers
 
 Traces = Mapping[str, Array]
-"""Signals of a run by name, over its communication points."""
+"""Name of a signal -> its values at the communication points of a run."""
 
 FAR = 1e-9
-"""Times of a record and of a run that differ by less, in s, are the same."""
+"""Times of a record and of a run are the same if they differ by less than this, s."""
 
 
 class Budget(CosimError):
-    """The runs of a fit are used up."""
+    """The fit has used all the runs that it may do."""
 
 
 def traces(result: Result, signals: Sequence[str]) -> Traces:
-    """What a worker sends back of a run."""
+    """The part of a result that a worker sends back: the signals needed."""
     found = {signal: np.ascontiguousarray(result[signal]) for signal in signals}
     return {**found, "": np.ascontiguousarray(result.time)}
 
@@ -38,18 +38,18 @@ def traces(result: Result, signals: Sequence[str]) -> Traces:
 class Runs:
     """Carries out the runs of a fit; a context manager.
 
-    A run that was done is kept: values that only change outputs (delay, gain, bias) need no run of their own.
+    The signals of a run are kept: a point that differs in delay, gain or bias of outputs only needs no new run.
     """
 
     def __init__(self, fit: Fit, workers: int, progress: Callable[[int, float], None]) -> None:
         self.fit = fit
         self.loops = 0
-        """Runs of a record so far."""
+        """Number of runs so far; a run is one simulation of one record."""
         self.run_seconds = 0.0
-        """Time in runs, over all workers."""
+        """Total time of all runs in s, summed over the workers."""
         self.best = math.inf
         self.budget = math.inf
-        """Runs that may be done."""
+        """Largest number of runs allowed."""
         self._progress = progress
         self._systems = {record.name: Loadable.of(record.system) for record in fit.records}
         signals = tuple(dict.fromkeys(output.signal for output in fit.outputs))
@@ -69,7 +69,10 @@ class Runs:
         self._pool.shutdown()
 
     def traces(self, points: Sequence[Array], records: Sequence[FitRecord]) -> list[list[Traces | CosimError]]:
-        """For each point and record the signals, or why there are none. Raises LoadError, Budget."""
+        """For each point and record the signals, or the error of a failed run.
+
+        Raises LoadError if the FMUs cannot be loaded, Budget if no more runs are allowed.
+        """
         wanted = {
             self._key(point, record): (point, record)
             for point in points
@@ -83,11 +86,11 @@ class Runs:
         return [[self._known[self._key(point, record)] for record in records] for point in points]
 
     def forget(self) -> None:
-        """Free the signals of all runs so far."""
+        """Free the memory of the signals of all runs so far."""
         self._known.clear()
 
     def changes(self, point: Array, record: FitRecord) -> dict[str, float]:
-        """Start values of a run."""
+        """Start values of the run for a point and a record: INSTANCE.VARIABLE -> value."""
         return {
             variable: float(value)
             for free, value in zip(self.fit.free, point, strict=True)
@@ -127,7 +130,7 @@ def output_values(fit: Fit, output: Output, point: Array) -> dict[str, float]:
 
 
 def expected(fit: Fit, record: FitRecord, output: Output, point: Array, found: Traces) -> Array:
-    """What the record should show of an output, in its window; NaN after the end of a run that ended early."""
+    """Expected values of an output at the samples in the record's window; NaN after the end of an aborted run."""
     values = output_values(fit, output, point)
     time, signal = found[""], found[output.signal]
     wanted = record.time[record.part] - values["delay"]
@@ -135,7 +138,7 @@ def expected(fit: Fit, record: FitRecord, output: Output, point: Array, found: T
 
 
 def sampled(time: Array, signal: Array, wanted: Array) -> Array:
-    """``signal`` at the times ``wanted``: its own samples where times agree, else a cubic spline through them."""
+    """``signal`` at the times ``wanted`` in s: its samples if all times agree, else a cubic spline through them."""
     from scipy.interpolate import CubicSpline as _CubicSpline
 
     at = np.clip(np.searchsorted(time, wanted - FAR), 0, len(time) - 1)
@@ -147,7 +150,7 @@ def sampled(time: Array, signal: Array, wanted: Array) -> Array:
 
 
 def residuals(fit: Fit, records: Sequence[FitRecord], point: Array, found: Sequence[Traces | CosimError]) -> Array:
-    """Record less expectation over noise, of all records and outputs in a row; infinite where a run failed."""
+    """(measured - expected)/noise of all records and outputs, joined to one array; infinite where a run failed."""
     parts: list[Array] = []
     for record, of_run in zip(records, found, strict=True):
         for output in fit.outputs:
@@ -163,7 +166,7 @@ def residuals(fit: Fit, records: Sequence[FitRecord], point: Array, found: Seque
 def checked_residuals(
     fit: Fit, records: Sequence[FitRecord], point: Array, found: Sequence[Traces | CosimError]
 ) -> Array:
-    """The residuals. Raises SimulationError where a run failed."""
+    """As ``residuals``, but raises SimulationError if a run failed."""
     for record, of_run in zip(records, found, strict=True):
         if isinstance(of_run, CosimError):
             values = ", ".join(f"{f.name} = {v:.6g} {f.unit}" for f, v in zip(fit.free, point, strict=True))
@@ -175,7 +178,7 @@ def checked_residuals(
 
 
 class Coordinates:
-    """Free values as the solver sees them: logarithms, or shares of their scale."""
+    """Converts free values to coordinates of the solver and back: logarithms, or values divided by their scale."""
 
     def __init__(self, free: Sequence[Free]) -> None:
         self.free = free
@@ -191,11 +194,11 @@ class Coordinates:
         return np.where(self.log, logarithm, values / self.scale)
 
     def back(self, z: Array) -> Array:
-        """The values, inside their bounds whatever rounding does."""
+        """Coordinates of the solver as values; rounding never moves them out of their bounds."""
         with np.errstate(over="ignore"):
             values = np.where(self.log, np.exp(np.where(self.log, z, 0.0)), z * self.scale)
         return np.clip(values, [f.low for f in self.free], [f.high for f in self.free])
 
     def slope(self, values: Array) -> Array:
-        """Change of a value with its coordinate."""
+        """Derivative of each value by its coordinate."""
         return np.where(self.log, values, self.scale)

@@ -1,4 +1,4 @@
-"""The search of a fit: least squares over runs, and how well its end is known.
+"""The search of a fit: least squares over runs, and the uncertainty of the values found.
 
 Source: Branch, Coleman & Li, SIAM J. Scientific Computing 21(1), 1999 (trust region reflective).
 """
@@ -19,13 +19,17 @@ from .fit_runs import Budget, Coordinates, Runs, checked_residuals, residuals
 from .fit_statistics import FAR_STEP, Block, Look, Spread, spread, untold
 
 STEP, FINAL_STEP = 3e-3, 1e-2
-"""Steps of the differences, in parts of a value: one-sided on the way, central and larger for the intervals.
+"""Steps of the finite differences as shares of a value: one-sided in the search, central and larger for the intervals.
 
-The error of the integrators is divided by the step; friction is smooth enough for one of a hundredth.
+The error of the integrators is divided by the step, so the step must not be small. Friction is smooth enough for a step
+of a hundredth.
 """
 
 TOLERANCE = 1e-6
-"""Relative change of the sum of squares at which the search ends: below 1 for 1e6 samples, so it does not decide."""
+"""The search ends at this relative change of the sum of squares.
+
+With up to 1e6 samples it is a change of less than 1 of the sum of squares in units of noise, which is not significant.
+"""
 
 ENDS: Mapping[int, str] = {
     0: "ended before it converged",
@@ -33,10 +37,10 @@ ENDS: Mapping[int, str] = {
     3: "converged: the values change no more",
     4: "converged: neither the sum of squares nor the values change",
 }
-"""How least_squares says that it has ended."""
+"""Status of scipy's ``least_squares`` -> message."""
 
 OUTLIER = 3.0
-"""Units of noise beyond which a robust loss counts a sample less."""
+"""A robust loss gives less weight to samples with a residual above this many units of noise."""
 
 Function = Callable[[Array], Array]
 
@@ -49,12 +53,12 @@ LOSSES: Mapping[str, tuple[Function, Function]] = {
     ),
     "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z)),
 }
-"""Each loss of scipy, and its derivative, of a squared residual z in units of OUTLIER."""
+"""Loss of scipy -> the loss and its derivative as functions of z = (residual/OUTLIER)^2."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """The end of a search, in coordinates."""
+    """The end of a search, in the coordinates of the solver."""
 
     point: Array
     cost: float
@@ -74,7 +78,7 @@ class Solver:
         self.blocks = list(self._blocks())
         self.best: tuple[float, Array] = (math.inf, self.first)
         self.held: list[int] = []
-        """Numbers of the values that stay where they start, since the records do not tell them beside the others."""
+        """Indices of the values that keep their start: the records do not tell them together with the others."""
 
     def _blocks(self) -> Sequence[Block]:
         blocks: list[Block] = []
@@ -89,7 +93,7 @@ class Solver:
     # residuals and their derivatives
 
     def residuals(self, z: Array, *, must: bool = False) -> Array:
-        """Residuals at a point; infinite where a run failed, unless it ``must`` not."""
+        """Residuals at a point; infinite where a run failed. With ``must``, raises SimulationError instead."""
         point = self.coordinates.back(z)
         of_runs = self.runs.traces([point], self.records)[0]
         off = (checked_residuals if must else residuals)(self.fit, self.records, point, of_runs)
@@ -100,18 +104,21 @@ class Solver:
         return off
 
     def _cost(self, off: Array) -> float:
-        """Sum of squares over samples, outliers counted as the loss does."""
+        """Sum of the loss of all residuals, divided by the number of samples."""
         if not np.all(np.isfinite(off)):
             return math.inf
         z = (off / OUTLIER) ** 2
         return OUTLIER**2 * float(np.mean(LOSSES[self.fit.loss][0](z)))
 
     def cost_at(self, z: Array) -> float:
-        """Sum of squares over samples at a point."""
+        """``_cost`` at a point. Raises SimulationError if a run fails."""
         return self._cost(self.residuals(z, must=True))
 
     def jacobian(self, z: Array, step: float, *, central: bool) -> Array:
-        """Derivative of the residuals by the coordinates. Raises SimulationError where no run succeeds."""
+        """Derivative of the residuals by the coordinates, shape (residuals, coordinates).
+
+        Raises SimulationError if no run around the point succeeds.
+        """
         base = self.residuals(z, must=True)
         low, high = self.coordinates.low, self.coordinates.high
         points: list[tuple[int, Array]] = []
@@ -140,7 +147,7 @@ class Solver:
         return J
 
     def look_around(self) -> None:
-        """Find what is held. Raises DescriptionError for values that nothing depends on."""
+        """Find the values that have to be held. Raises DescriptionError for values that no output depends on."""
         J = self.jacobian(self.first, FINAL_STEP, central=False)
         dead = [free for free, column in zip(self.fit.free, J.T, strict=True) if not np.any(column)]
         if dead:
@@ -157,7 +164,7 @@ class Solver:
     # the search
 
     def search(self) -> Found:
-        """The best end of all starts."""
+        """The best end of the searches from all starting points."""
         random = np.random.default_rng(self.fit.seed)
         ends = [self._from(self.first if not i else self._other(random)) for i in range(self.fit.starts)]
         best = min(ends, key=lambda end: end.cost)
@@ -184,7 +191,7 @@ class Solver:
         free = np.setdiff1d(np.arange(len(begin)), self.held)
 
         def whole(moving: Array) -> Array:
-            """The point with what is held."""
+            """The whole point: moving and held coordinates."""
             z = np.array(self.first)
             z[free] = moving
             return z
@@ -218,10 +225,10 @@ class Solver:
         cost, point = self.best
         return Found(point, cost, converged, message, (cost,))
 
-    # what is known
+    # uncertainty
 
     def knowledge(self, z: Array) -> tuple[Spread, list[dict[str, float]]]:
-        """How well the values are known at a point, and by value and output the effect of 1 % more."""
+        """How well the values are known at a point; and for each value: output -> effect of 1 % more."""
         base = self.residuals(z, must=True)
         J = self.jacobian(z, FINAL_STEP, central=True)
         weight = self._weight(base)
@@ -241,7 +248,7 @@ class Solver:
         return known, effects
 
     def look(self, z: Array) -> Look:
-        """The change of the residuals along a direction from ``z``; infinite where no run succeeds."""
+        """A function for the change of the residuals along a direction from ``z``; infinite where no run succeeds."""
 
         def change(direction: Array) -> Array:
             base = self.residuals(z, must=True)
@@ -258,7 +265,7 @@ class Solver:
         return change
 
     def _weight(self, off: Array) -> Array:
-        """Root of the weight that the loss gives to each residual."""
+        """Square root of the weight that the loss gives to each residual."""
         return np.sqrt(LOSSES[self.fit.loss][1]((off / OUTLIER) ** 2))
 
 

@@ -1,9 +1,10 @@
-"""What a fit says about its values: intervals, correlation, what records cannot tell apart; residuals, repeatability.
+"""Statistics of a fit: intervals, correlation, values that records cannot tell apart; residuals, repeatability.
 
-Residuals are in units of noise, J is their derivative by coordinates in which 1 is a change of a value by itself (or a
-factor e): one row a sample. Residuals of a model that is not quite right are not white: neighbours go together, and so
-many samples tell less than they seem to. The covariance of the values is therefore computed twice, for white residuals
-and with their correlation over time (Newey & West), and each value gets the larger of both.
+Residuals are in units of noise. J is their derivative by the coordinates, with one row for each sample; a change of 1
+in a coordinate changes a value by its own size, or by a factor e. Residuals of a model that is not quite right are not
+white: neighbours are correlated, so the samples tell less than their number suggests. The covariance of the values is
+therefore computed twice, for white residuals and with their correlation over time (Newey & West). Each value gets the
+larger deviation of both.
 
 Source: Ljung, System Identification, 2nd ed. 1999, sec. 9.4, 16.4 and 16.5; Newey & West, Econometrica 55(3), 1987.
 """
@@ -20,20 +21,20 @@ from ..result.compare import spectrum
 from ..result.metrics import Array
 
 NORMAL = 1.959963984540054
-"""95 % of a normal distribution lie within so many standard deviations."""
+"""95 % of a normal distribution lie within this number of standard deviations."""
 
 SHARE = 0.3
-"""A value takes part in a direction if its component is at least this part of the largest."""
+"""A value belongs to a direction if its component is at least this share of the largest component."""
 
 FAINT = 1e-2
-"""Directions with a singular value below this part of the largest are looked at again, with a larger step."""
+"""Directions with a singular value below this share of the largest are evaluated again, with a larger step."""
 
 FAR_STEP = 0.2
-"""The step of that look: integration errors, divided by it, are small beside one unit of noise."""
+"""The larger step: integration errors divided by it are small beside one unit of noise."""
 
 
 NOTHING = 10.0
-"""A value that is known to this many times itself is not known at all."""
+"""A value with an uncertainty of this many times its size is reported as not known at all."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Weak:
 
     names: tuple[str, ...]
     share: float
-    """Half of its 95 % interval, 1 for a change of the values by themselves; infinite where nothing depends on it."""
+    """Half width of its 95 % interval as a share of the values; infinite if no residual depends on it."""
 
     def __str__(self) -> str:
         known = f"known to +-{100.0 * self.share:.3g} % only" if self.share < NOTHING else "not known"
@@ -54,10 +55,10 @@ class Weak:
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations and correlation of the coordinates, and what is not told."""
+    """Standard deviations and correlation of the coordinates, and the combinations that the records do not tell."""
 
     deviation: Array
-    """Infinite for a value that takes part in a direction that is not told."""
+    """Infinite for a value of a combination that the records do not tell."""
     correlation: Array
     weak: tuple[Weak, ...]
     singular: Array
@@ -79,9 +80,9 @@ def spread(
     J: Array,
     look: Look,
 ) -> Spread:
-    """How well values are known."""
+    """How well the values are known, from the residuals and their derivative ``J``, shape (residuals, values)."""
     size, directions = _directions(J, look)
-    # A model that is not right is known less well than its noise says.
+    # The values of an imperfect model are less certain than the noise alone suggests.
     freedom = max(len(residual) - len(names), 1)
     level = max(1.0, math.sqrt(float(residual @ residual) / freedom))
     with np.errstate(divide="ignore"):
@@ -100,14 +101,14 @@ def spread(
 
 
 Look = Callable[[Array], Array]
-"""Gives the change of the residuals along a direction, by a step of ``FAR_STEP`` and divided by it."""
+"""Function: direction -> change of the residuals for a step of ``FAR_STEP`` along it, divided by the step."""
 
 
 def _directions(J: Array, look: Look) -> tuple[Array, Array]:
-    """Directions in the space of the values, one a row, and the change of the residuals along each.
+    """Directions in the space of the values, one in each row, and the size of the residuals' change along each.
 
-    Of a faint direction that change counts which no small move along those that are told makes up: where the faint
-    one is a little off, or bent, it is theirs.
+    Of the change along a faint direction, only the part counts that no small move along the other directions can
+    compensate. The rest comes from an error of the faint direction, or from its curvature.
     """
     left, singular, directions = np.linalg.svd(J, full_matrices=False)
     known = [column for column, s in zip(left.T, singular, strict=True) if s >= FAINT * singular[0]]
@@ -124,7 +125,10 @@ def _directions(J: Array, look: Look) -> tuple[Array, Array]:
 
 
 def untold(J: Array, look: Look) -> list[int]:
-    """Numbers of values that have to be held for the others to be told, at the noise alone: one a direction."""
+    """Indices of the values to hold so that the records tell all others: one value for each direction not told.
+
+    A direction counts as not told if the noise alone hides it.
+    """
     size, directions = _directions(J, look)
     held: list[int] = []
     for s, direction in zip(size, directions, strict=True):
@@ -140,7 +144,7 @@ def _weak(names: Sequence[str], direction: Array, half: float) -> Weak:
 
 
 def _meat(blocks: Sequence[Block], residual: Array, J: Array, *, correlated: bool) -> Array:
-    """Covariance of the gradient: sum over the outputs of the records, which are independent of each other."""
+    """Covariance of the gradient: a sum over outputs and records, which are taken as independent of each other."""
     total = np.zeros((J.shape[1], J.shape[1]))
     for block in blocks:
         r, part = residual[block.part], J[block.part]
@@ -157,7 +161,7 @@ def _meat(blocks: Sequence[Block], residual: Array, J: Array, *, correlated: boo
 
 
 def memory(residual: Array) -> int:
-    """Samples after which residuals have forgotten each other: where their correlation first falls below its noise."""
+    """Number of samples over which residuals are correlated: their correlation then first falls below its noise."""
     centred = residual - np.mean(residual)
     power = float(centred @ centred)
     count = len(residual)
@@ -171,10 +175,10 @@ def memory(residual: Array) -> int:
 
 
 def fast_noise(values: Array) -> float:
-    """Standard deviation of white noise in ``values`` from their third differences, which slow motion does not reach.
+    """Standard deviation of white noise in ``values``, from their third differences, in which slow motion vanishes.
 
-    The median of their magnitudes is taken, so that jumps do not count: 0.6745 is that of a normal distribution, 20
-    the sum of the squares of the weights 1, 3, 3, 1.
+    The median of the magnitudes is not sensitive to jumps. For a normal distribution it is 0.6745 standard deviations.
+    20 is the sum of the squares of the weights 1, -3, 3, -1.
     """
     if len(values) < 4:
         return 0.0
@@ -190,9 +194,9 @@ class Peak:
     """A line in a spectrum."""
 
     frequency: float
-    """Hz."""
+    """Frequency of the peak in Hz."""
     share: float
-    """Part of the power of the signal near this frequency."""
+    """Share of the signal's power that lies near this frequency."""
 
 
 def peaks(time: Array, signal: Array, count: int = 3) -> tuple[Peak, ...]:
@@ -214,9 +218,10 @@ def peaks(time: Array, signal: Array, count: int = 3) -> tuple[Peak, ...]:
 
 
 def repeatability(time: Array, signal: Array, period: float) -> float:
-    """Lap to lap: rms difference between ``signal`` and itself one period later; NaN if there is no second lap.
+    """rms difference between ``signal`` and itself one period later; NaN if the record has no second period.
 
-    A model that repeats itself and is right in everything else would still be off by this over the root of 2.
+    ``period`` is in s, the result in the unit of the signal. A perfect model that repeats itself exactly would still
+    differ from the record by this value divided by the root of 2.
     """
     inside = time[time + period <= time[-1] + 1e-9]
     if not len(inside):
@@ -226,10 +231,11 @@ def repeatability(time: Array, signal: Array, period: float) -> float:
 
 
 def agreement(measured: Array, expected: Array, about: Array | None = None) -> Mapping[str, float]:
-    """Figures of a comparison: rms and largest difference; relative and fit in %.
+    """Figures of a comparison: rms and largest difference in the unit of the signals; relative and fit in %.
 
-    ``relative`` is rms over the rms of what was measured, ``fit`` is 100*(1 - norm(difference)/norm(measured - mean)).
-    Both are those of ``measured - about`` where ``about`` is given: of the tracking error, if it is the reference.
+    ``relative`` is the rms difference divided by the rms of the measured signal. ``fit`` is
+    100*(1 - norm(difference)/norm(measured - mean)). With ``about``, both refer to ``measured - about`` instead of
+    ``measured``; if ``about`` is the reference, this is the tracking error.
     """
     off = measured - expected
     signal = measured if about is None else measured - about

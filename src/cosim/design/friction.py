@@ -1,7 +1,7 @@
 """First values of inertia and friction from a log of position and force, and which of them the log excites.
 
-Position, its two derivatives and the force pass the same filter (a local polynomial of third order, no phase), so
-they stay together. In motion
+Position, its two derivatives and the force pass the same filter, a local polynomial of third order without phase
+shift, so they stay synchronous. In motion
 
     force = inertia*acceleration + F_C*sign(velocity) + F_v*velocity + offset
 
@@ -32,21 +32,21 @@ from ..units import conversion, parse_unit
 from .fit_statistics import NORMAL, fast_noise, memory
 
 ORDER = 3
-"""Of the local polynomial: the lowest that keeps an acceleration that changes."""
+"""Order of the local polynomial: the lowest one that can follow a changing acceleration."""
 SHORTEST, LONGEST = 5, 101
-"""Samples that the filter may take."""
+"""Limits of the filter length in samples."""
 QUIET = 0.02
-"""The filter is long enough when noise is this part of the velocity and of the acceleration, rms."""
+"""The filter is long enough if the noise is at most this share of the velocity and of the acceleration (rms)."""
 MOVING = 0.02
-"""Part of the largest speed above which least squares takes the machine to slide."""
+"""Share of the largest speed above which the least squares treat the machine as sliding."""
 BINS = 12
-"""Speeds of the friction curve, for each direction."""
+"""Number of points of the friction curve for each direction."""
 LEAST = 5
-"""Samples of a bin, of a rest, of a slope."""
+"""Least number of samples of a bin, of a rest, or of a slope."""
 PRESLIDING = 0.5
-"""Part of the sliding friction below which the slope is taken: far enough from slipping."""
+"""The slope is taken below this share of the sliding friction, where the bristles do not slip yet."""
 LARGEST_CONDITION = 100.0
-"""Columns of least squares that are closer to each other than this tell nothing alone."""
+"""A value counts as not excited if similarity to other columns makes its deviation larger by more than this factor."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ class Value:
 
     name: str
     value: float
-    """NaN where the record does not excite it."""
+    """The value in ``unit``; NaN if the record does not excite it."""
     deviation: float
-    """Standard deviation, or the spread over several events."""
+    """Standard deviation, or standard deviation over several events, in ``unit``."""
     unit: str
     excited: bool
     why: str
-    """What in the record tells it, or what is missing."""
+    """The part of the record that tells the value, or the excitation that is missing."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ class FrictionCurve:
     """Friction over speed for one direction: means and spread of groups of samples."""
 
     velocity: Array
-    """m/s, with sign."""
+    """Velocity with sign, m/s or rad/s."""
     friction: Array
-    """Force less inertia, with sign."""
+    """Force minus inertia*acceleration, with sign, in the unit of the force."""
     spread: Array
     """Standard deviation within the group."""
     count: Array
@@ -85,16 +85,16 @@ class FrictionLook:
     positive: FrictionCurve
     negative: FrictionCurve
     unit: str
-    """Of the force."""
+    """Unit of the force."""
     length: str
-    """Of the position: m or rad."""
+    """Unit of the position: m or rad."""
     filter_samples: int
     samples: int
     slow_share: float
-    """Part of the samples in which the machine moves slower than a hundredth of its largest speed, but moves."""
+    """Share of the samples in which the machine moves, but slower than a hundredth of its largest speed."""
 
     def value(self, name: str) -> Value:
-        """The value of that name."""
+        """The value called ``name``."""
         return next(value for value in self.values if value.name == name)
 
 
@@ -114,8 +114,9 @@ def identify_friction(
         look = identify_friction("axis.csv", position="x", force="u", factor=35.15, force_unit="N")
 
     ``position`` and ``force`` name columns; the force is ``factor`` times its column, in ``force_unit`` (default: that
-    of the record, else N). Positions in a unit of length are turned into m; angles stay in rad. ``span`` in s is the
-    part that is looked at. Raises DescriptionError.
+    of the record, else N). Positions with a unit of length are converted to m; angles stay in rad. ``span`` in s is the
+    part of the record that is used. Raises DescriptionError for a record that cannot be read or has no such columns, is
+    too short, or in which nothing moves.
     """
     record = read_record(source, time=time, sampling_time=sampling_time, columns=[position, force])
     if note := record.uneven():
@@ -131,7 +132,9 @@ def identify_friction(
 def friction_from_signals(
     time: Array, position: Array, force: Array, *, unit: str = "N", length: str = "m"
 ) -> FrictionLook:
-    """First values from signals at equal steps; ``unit`` of the force, ``length`` of the position (m or rad).
+    """First values from signals with equal time steps, all of shape (samples,); ``time`` in s.
+
+    ``unit`` is the unit of ``force``, ``length`` that of ``position`` (m or rad).
 
     Raises DescriptionError for a record that is too short or in which nothing moves.
     """
@@ -152,7 +155,7 @@ def friction_from_signals(
 
 
 def summary(look: FrictionLook) -> dict[str, Any]:
-    """What was found, as JSON holds it."""
+    """The first values and curves as values for JSON."""
     curves = {"positive": look.positive, "negative": look.negative}
     return {
         "values": {value.name: {k: v for k, v in vars(value).items() if k != "name"} for value in look.values},
@@ -164,7 +167,7 @@ def summary(look: FrictionLook) -> dict[str, Any]:
 
 
 def plot_friction(look: FrictionLook, path: Path, *, title: str = "") -> None:
-    """Friction over speed with its spread, and the law of both directions."""
+    """Draw friction over speed with its spread, and the friction law of each direction."""
     from ..result.plots import COLOURS, save, typeset
 
     def draw(figure: Any) -> None:
@@ -188,7 +191,7 @@ def plot_friction(look: FrictionLook, path: Path, *, title: str = "") -> None:
 
 
 class _Look:
-    """The signals of a record after one filter, and what they tell."""
+    """The filtered signals of a record, and the values that they tell."""
 
     def __init__(self, time: Array, position: Array, force: Array, *, noise: float, unit: str, length: str) -> None:
         self.step = float(np.median(np.diff(time)))
@@ -202,7 +205,7 @@ class _Look:
         """Speed below which the machine counts as resting."""
 
     def _size(self, position: Array) -> int:
-        """Samples of the filter: as few as the noise allows."""
+        """Length of the filter in samples: as short as the noise allows."""
         for size in range(SHORTEST, min(LONGEST, len(position) // 5) + 1, 2):
             quiet = [
                 self.noise * _gain(size, order, self.step)
@@ -252,7 +255,7 @@ class _Look:
         return known.get((self.unit, self.length), f"{self.unit}.s2/{self.length}")
 
     def _solved(self, columns: Sequence[tuple[str, Array, str]], u: Array) -> list[Value]:
-        """Least squares; a column that others nearly make up is not excited."""
+        """Values by least squares. A column that is nearly a sum of other columns counts as not excited."""
         A = np.column_stack([values for _, values, _ in columns])
         size = np.linalg.norm(A, axis=0)
         empty = size == 0.0
@@ -263,7 +266,7 @@ class _Look:
         solution = np.linalg.lstsq(scaled, u, rcond=None)[0]
         off = u - scaled @ solution
         inverse = np.linalg.pinv(scaled.T @ scaled)
-        # Neighbours go together, by the filter if by nothing else: so many samples count as one.
+        # Neighbouring residuals are correlated, at least by the filter: this number of samples counts as one.
         together = 1 + 2 * max(memory(off), self.size)
         variance = float(off @ off) / max(len(u) - len(columns), 1) * together
         found: list[Value] = []
@@ -302,7 +305,7 @@ class _Look:
     # rest and reversal
 
     def _break_away(self, friction: Array) -> Value:
-        """Largest force after a rest, before the machine slides."""
+        """Break-away force: the largest force after a rest, before the machine slides."""
         resting = np.abs(self.v) <= self.still
         peaks: list[float] = []
         begins = np.flatnonzero(~resting[1:] & resting[:-1]) + 1
@@ -324,7 +327,7 @@ class _Look:
         )
 
     def _stiffness(self, friction: Array, coulomb: float) -> Value:
-        """Slope of the friction over the way where the friction passes 0: there the bristles of Dahl's law have it."""
+        """Presliding stiffness: slope of friction over position where friction passes 0, as in Dahl's law."""
         per = f"{self.unit}/{self.length}"
         if not math.isfinite(coulomb) or coulomb <= 0.0:
             return Value("presliding stiffness", math.nan, math.nan, per, False, "the sliding friction is not known")

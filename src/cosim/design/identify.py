@@ -1,12 +1,12 @@
 """The nominal characteristic trajectory (NCT) of a stage, identified from an open-loop pulse.
 
-A command u_r is applied for a time t_r, then none; the stage coasts until it rests. What is left of the way, over
-the velocity, is the NCT. Signals are in SI units, u in the unit of the command.
+A command u_r is applied for a time t_r, then the command is 0 and the stage coasts until it rests. During coasting, the
+velocity over the remaining distance is the NCT. Signals are in SI units, u in the unit of the command.
 
-The origin of the position error is where the velocity first becomes 0, not where the stage rests in the end: friction
-springs back a little, and with the final rest as origin the slope near the target depends on that. With Coulomb
-friction the slope grows without bound towards the origin, so the linear part needs a choice: its slope alpha, or the
-error e_lin at which it ends, or else the amplitude of the spring-back as e_lin.
+The origin of the position error is the point where the velocity first becomes 0, not the final rest position. Friction
+springs back a little; with the final rest as origin, the slope near the target would depend on this motion. With
+Coulomb friction the slope grows without bound towards the origin, so the linear part needs a choice: its slope alpha,
+or the error e_lin at which it ends. Without a choice e_lin is the amplitude of the spring-back.
 
 Source: Maeda & Sato, Practical control method for ultra-precision positioning using a ballscrew mechanism, Precision
 Engineering 32, 2008, sec. 3.
@@ -32,10 +32,11 @@ from ..system.system import System, read_system
 from .names import nctf_names
 
 NODES = 128
-"""Nodes of the NCT in the controllers of this library."""
+"""Number of nodes of the NCT in the controllers of this library."""
 POINTS = 400
-"""Points of the curve above its linear part."""
+"""Number of points of the identified curve above its linear part."""
 MAX_WINDOW = 51
+"""Longest window for the velocity in samples: a long window flattens the curve."""
 NOISE_SHARE = 0.02
 """The velocity is smoothed until its noise is below this share of the velocity lost in one sample."""
 
@@ -47,34 +48,34 @@ class Nct:
     alpha: float
     """Slope of the linear part, 1/s."""
     e_lin: float
-    """Position error at which the linear part ends."""
+    """Position error at which the linear part ends, m."""
     K: float
-    """Way a unit of command and second: rest position over u_r*t_r."""
+    """Rest position divided by u_r*t_r: displacement for one unit of command during one second."""
     u_r: float
     t_r: float
     rest: float
-    """Where the stage rests, from its start."""
+    """Final rest position, measured from the start, m."""
     stop: float
-    """Where its velocity first was 0, from its start."""
+    """Position at which the velocity first was 0, measured from the start, m."""
     h_max: float
-    """Largest velocity after the pulse."""
+    """Largest velocity after the pulse, m/s."""
     reach: float
-    """Position error of the largest velocity; beyond it the NCT is h_max."""
+    """Position error of the largest velocity, m; beyond it the NCT is h_max."""
     error: Array
-    """Points of the curve, ascending from 0."""
+    """Position errors of the points of the curve, ascending from 0, m."""
     rate: Array
-    """Velocity at these points."""
+    """Velocities at these points, m/s."""
     measured_error: Array
-    """The samples behind the curve."""
+    """Position errors of the samples from which the curve was made, m."""
     measured_rate: Array
 
     @property
     def spring_back(self) -> float:
-        """How far the stage moves back after its velocity was 0 (stop less rest)."""
+        """Distance in m that the stage moves back after its velocity first was 0 (stop minus rest)."""
         return self.stop - self.rest
 
     def nodes(self, count: int = NODES) -> tuple[Array, Array]:
-        """The curve with ``count`` nodes: errors and rates."""
+        """The curve with ``count`` nodes: errors in m and rates in m/s, both of shape (count,)."""
         return reduce_nodes(self.error, self.rate, count)
 
     def gains(self, omega_n: float, zeta: float) -> tuple[float, float]:
@@ -105,7 +106,7 @@ def identify_nct(
 
     ``alpha`` in 1/s or ``e_lin`` in m fixes the linear part. The signals are INSTANCE.VARIABLE (default: the names of
     the study); ``differentiate`` takes the velocity from the position. ``timeout`` in s is the limit for an FMI call.
-    Raises DescriptionError for signals that do not serve, SimulationError.
+    Raises DescriptionError for signals from which no NCT can be identified, SimulationError if the run fails.
     """
     if isinstance(source, str | Path) and has_ending(source, ".csv"):
         time, drive, place, rate = read_signals(Path(source))
@@ -122,7 +123,7 @@ def identify_nct(
 
 
 def read_signals(path: Path) -> tuple[Array, Array, Array, Array | None]:
-    """The columns t, u, x and, if it is there, v of a record. Raises DescriptionError."""
+    """The columns t, u, x and v of a record; None for a missing v. Raises DescriptionError if it cannot be read."""
     record = read_record(path)
     if not {"u", "x"} <= set(record.columns):
         raise DescriptionError(
@@ -141,9 +142,10 @@ def nct_from_signals(
     alpha: float | None = None,
     e_lin: float | None = None,
 ) -> Nct:
-    """The NCT of a recorded pulse, sampled at equal times; without ``velocity`` it is the slope of ``position``.
+    """The NCT of a recorded pulse. Signals have shape (samples,), equal time steps, and SI units.
 
-    Raises DescriptionError.
+    Without ``velocity``, it is the slope of ``position``. Raises DescriptionError for signals without a pulse that ends
+    in coasting.
     """
     if alpha is not None and e_lin is not None:
         raise DescriptionError("both alpha and e_lin are given. Give one; the other follows.")
@@ -206,7 +208,7 @@ def nct_from_signals(
 def linear_part(
     error: Array, rate: Array, *, alpha: float | None, e_lin: float | None, spring_back: float
 ) -> tuple[float, float]:
-    """Slope and end of the linear part of a curve, either given or both from the spring-back."""
+    """Slope in 1/s and end in m of the linear part of a curve. One of them is given, or the spring-back is the end."""
     low, high = float(error[0]), float(error[-1])
     if alpha is not None:
         above = np.flatnonzero(rate >= alpha * error)
@@ -226,7 +228,7 @@ def linear_part(
 
 
 def monotone(values: Array) -> Array:
-    """The nearest values that never fall (least squares, pooling neighbours that do)."""
+    """The nearest values that never fall (isotonic least squares, by pooling of neighbours)."""
     if np.all(np.diff(values) >= 0.0):
         return values
     means: list[float] = []
@@ -244,7 +246,7 @@ def monotone(values: Array) -> Array:
 
 
 def position_noise(position: Array) -> float:
-    """Standard deviation of what is not smooth in ``position``, quantisation included (from third differences)."""
+    """Standard deviation of the noise in ``position``, quantisation included, from its third differences."""
     rough = np.diff(position, 3)
     if rough.size == 0:
         return 0.0
@@ -252,11 +254,11 @@ def position_noise(position: Array) -> float:
 
 
 def smooth_slope(position: Array, step: float, end: int, noise: float) -> Array:
-    """Time derivative by local quadratic fits, as short as the noise allows; ``end`` is where the coasting begins.
+    """Time derivative by local quadratic fits, over windows as short as the noise allows.
 
-    The shortest window of an odd number of samples is the central difference.
+    ``end`` is the sample at which coasting begins. The shortest window is the central difference.
     """
-    # Velocity lost in a sample, from the mean of the coasting.
+    # Mean loss of velocity in a sample while coasting.
     central = np.gradient(position, step)
     top = end + int(np.argmax(central[end:]))
     stopped = np.flatnonzero(central[top:] <= 0.0)
@@ -279,9 +281,9 @@ def smooth_slope(position: Array, step: float, end: int, noise: float) -> Array:
 
 
 def reduce_nodes(error: Array, rate: Array, count: int = NODES) -> tuple[Array, Array]:
-    """A subset of ``count`` points whose joining lines stay as near to all points as so many can, in relative terms.
+    """The ``count`` points of the curve whose polyline has the smallest relative distance from all points.
 
-    The first two points are kept. Fewer points than ``count`` are filled up with the last one.
+    The first two points are kept. If the curve has fewer points, the last one is repeated.
     """
     if error.size <= count:
         fill = count - error.size
@@ -291,7 +293,7 @@ def reduce_nodes(error: Array, rate: Array, count: int = NODES) -> tuple[Array, 
         nodes = [0, 1]
         while nodes[-1] < error.size - 1 and len(nodes) <= count:
             first = nodes[-1]
-            # The slopes from the node that pass every point so far within the tolerance.
+            # The range of slopes from the node whose lines pass all points so far within the tolerance.
             ahead = slice(first + 1, None)
             span = error[ahead] - error[first]
             low = np.maximum.accumulate((rate[ahead] * (1.0 - tolerance) - rate[first]) / span)
@@ -336,7 +338,7 @@ def write_start(
     gains: tuple[float, float] | None = None,
     base: str | None = None,
 ) -> None:
-    """Write a system file that gives ``controller`` the NCT (and both gains); ``base`` is the file it completes."""
+    """Write a system file that gives ``controller`` the NCT, and both gains if given; it extends the file ``base``."""
     names = nctf_names().controller
     instance = controller or names.instance
     error, rate = nct.nodes()
@@ -351,7 +353,7 @@ def write_start(
 
 
 def plot_nct(nct: Nct, path: Path) -> None:
-    """The phase plane: the samples and the nodes of the NCT."""
+    """Draw the phase plane with the samples and the nodes of the NCT."""
     from ..result.plots import Series, plot_phase_plane
 
     error, rate = nct.nodes()

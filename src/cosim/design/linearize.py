@@ -1,4 +1,4 @@
-"""Linear models of instances and sampled loops where a run has brought them.
+"""Linear models of instances and sampled loops at the states that they reach in a run.
 
 A plant's state space comes from fmi2GetDirectionalDerivative: exact partial derivatives at the operating point. A
 controller has no continuous states; its sampled model is realized from its response to a small step of one input,
@@ -28,15 +28,16 @@ from ..system.system import System, make_system, read_system
 from .names import nctf_names
 
 MARKOV = 60
-"""Samples of the step response from which a controller is realized."""
+"""Number of samples of the step response from which a controller is realized."""
 RANK = 1e-8
 """Singular values below this share of the largest count as 0."""
 FREQUENCIES = 4000
+"""Number of frequencies at which margins are searched, over four decades up to half of the sampling frequency."""
 
 
 @dataclass(frozen=True)
 class StateSpace:
-    """der(x) = A*x + B*u, y = C*x + D*u; with ``T_s`` x[k+1] on the left. SI units."""
+    """Linear model in SI units: der(x) = A*x + B*u, or x[k+1] = A*x[k] + B*u[k] with ``T_s``; y = C*x + D*u."""
 
     A: Array
     B: Array
@@ -54,12 +55,12 @@ class StateSpace:
 
     @property
     def idle_inputs(self) -> tuple[str, ...]:
-        """Inputs that change no state and no output here: saturated, or switched off."""
+        """Inputs that change no state and no output at this point: they are saturated or switched off."""
         idle = ~np.any(np.vstack((self.B, self.D)) != 0.0, axis=0)
         return tuple(name for name, rests in zip(self.inputs, idle, strict=True) if rests)
 
     def held(self, T_s: float) -> StateSpace:
-        """The sampled model with inputs held over ``T_s``."""
+        """The sampled model with inputs held over ``T_s`` in s."""
         from scipy import linalg as _linalg
 
         linalg = cast(Any, _linalg)
@@ -70,7 +71,7 @@ class StateSpace:
         return StateSpace(step[:n, :n], step[:n, n:], self.C, self.D, self.states, self.inputs, self.outputs, T_s)
 
     def reduced(self) -> StateSpace:
-        """Without the states that no input moves, or that move no output, directly or through others."""
+        """The model without states that no input moves or that move no output, directly or through other states."""
 
         def reached(from_: Array, through: Array) -> NDArray[np.bool_]:
             found = np.any(from_ != 0.0, axis=1)
@@ -90,7 +91,7 @@ class StateSpace:
         return np.asarray(self.C @ np.linalg.solve(resolvent, self.B.astype(np.complex128)) + self.D)
 
     def to_control(self) -> Any:
-        """The same as a ``control.StateSpace``. Raises DescriptionError if python-control is not installed."""
+        """The model as a ``control.StateSpace``. Raises DescriptionError if python-control is not installed."""
         try:
             import control as _control
         except ImportError:
@@ -111,13 +112,13 @@ def linearize(
     start: Mapping[str, object] | None = None,
     fmus: str | Path | None = None,
 ) -> StateSpace:
-    """The state space of an instance ``at`` a time of its system's run, or of an FMU alone where it starts::
+    """The state space of an instance at the time ``at`` in s of a run, or of a single FMU at its start::
 
         linearize("studies/maeda2008/step.toml", instance="plant", at=0.01, inputs=["command"])
         linearize("build/fmus/native/LinearMotor.fmu", start={"velocity_start": 0.01})
 
-    ``inputs`` and ``outputs`` choose some and their order (default: all of type Real). Raises DescriptionError,
-    CallError if the FMU does not give derivatives.
+    ``inputs`` and ``outputs`` choose variables and their order (default: all of type Real). Raises DescriptionError for
+    wrong names, CallError if the FMU does not give derivatives.
     """
     if not isinstance(source, System):
         source = find_system(str(source), None if fmus is None else Path(fmus))
@@ -199,10 +200,11 @@ def sampled_controller(
     output: str = "command",
     step: float = 1e-9,
 ) -> StateSpace:
-    """The sampled model of a controller from one input to one output, about where it is ``at`` a time of the run.
+    """The sampled model of a controller from one input to one output, around its state at the time ``at`` in s.
 
-    The controller is run alone from there, its other inputs held, with ``step`` added to the input; take it small
-    against every nonlinearity, and resolutions off. Raises DescriptionError if the controller is not linear there.
+    From this state the controller runs alone with ``step`` added to the input and all other inputs held. Choose
+    ``step`` small against every nonlinearity, and set resolutions to 0. Raises DescriptionError if the controller is
+    not linear there.
     """
     with Simulation(system) as simulation:
         simulation.restore(simulation.pause(at))
@@ -223,7 +225,7 @@ def sampled_controller(
         responses = [
             simulation.resume(checkpoint, {f"{instance}.{input}": held_inputs[input] + share * step})[
                 f"{instance}.{output}"
-            ][1 : MARKOV + 2]  # after a step, the output is the value applied over it
+            ][1 : MARKOV + 2]  # after a step, the output is the value that was applied during it
             for share in (0.0, 0.5, 1.0)
         ]
     rest, half, whole = responses
@@ -244,21 +246,21 @@ class Margins:
     spectral_radius: float
     """Largest magnitude of the closed loop's eigenvalues."""
     gain: float
-    """Factor of the loop gain to the limit of stability, nearest above 1."""
+    """Gain margin: the smallest factor above 1 on the loop gain that reaches the limit of stability."""
     gain_frequency: float
-    """rad/s."""
+    """Frequency of the gain margin, rad/s."""
     phase: float
-    """rad."""
+    """Phase margin, rad."""
     crossover: float
-    """rad/s, where the loop gain falls through 1."""
+    """Frequency at which the loop gain falls through 1, rad/s."""
     delay: float
-    """Seconds of further delay to the limit of stability."""
+    """Delay margin: the additional delay that reaches the limit of stability, s."""
     sensitivity: float
     """Largest magnitude of 1/(1 + L)."""
 
 
 def series(controller: StateSpace, plant: StateSpace) -> StateSpace:
-    """plant*controller, both sampled, one input and output each."""
+    """The series connection plant*controller of two sampled models with one input and one output each."""
     n, m = controller.A.shape[0], plant.A.shape[0]
     A = np.zeros((n + m, n + m))
     A[:n, :n], A[n:, n:], A[n:, :n] = controller.A, plant.A, plant.B @ controller.C
@@ -268,10 +270,10 @@ def series(controller: StateSpace, plant: StateSpace) -> StateSpace:
 
 
 def spectral_radius(A: Array, B: Array, C: Array) -> float:
-    """Largest magnitude of the eigenvalues of ``A``, constants of motion left out.
+    """Largest magnitude of the eigenvalues of ``A``, without constants of motion.
 
-    An eigenvalue of magnitude 1 that ``B`` does not excite or ``C`` does not show is one: bristle, deflection and
-    position of a stage at rest, for instance, obey a linear relation for ever.
+    A constant of motion is an eigenvalue of magnitude 1 that ``B`` does not excite or ``C`` does not show. For
+    instance, bristle, deflection and position of a stage at rest always obey the same linear relation.
     """
     from scipy import linalg as _linalg
 
@@ -334,11 +336,11 @@ def loop_margins(
     start: Mapping[str, object] | None = None,
     fmus: str | Path | None = None,
 ) -> tuple[StateSpace, Margins]:
-    """Loop transfer function and margins of the position loop of a system, about where it is ``at`` a time.
+    """Loop transfer function and margins of the position loop of a system, around its state at the time ``at`` in s.
 
-    ``start`` gives start values (``{"controller.sensor_resolution": 0.0}``). The command is held from the sample at
-    which its position is measured; the connection's factor counts. Raises DescriptionError where the command moves
-    nothing, as at its limit.
+    ``start`` gives start values (``{"controller.sensor_resolution": 0.0}``). The command acts from the sample at which
+    its position is measured, and is held; the factor of the connection is included. Raises DescriptionError if the
+    command moves nothing, for example at its limit.
     """
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(start)
@@ -362,7 +364,7 @@ def loop_margins(
 def plot_bode(
     path: Path, model: StateSpace, *, input: int = 0, output: int = 0, omega: Array | None = None, title: str = ""
 ) -> None:
-    """Magnitude and phase over frequency of one input and output."""
+    """Draw magnitude and phase over frequency from one input to one output; ``omega`` in rad/s."""
     from ..result.plots import save
 
     if omega is None:

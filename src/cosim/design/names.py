@@ -1,4 +1,4 @@
-"""Names of variables for the procedures of one paper: they are given by a file in the folder of its study."""
+"""Names of variables for the procedures of one paper; a file in the folder of its study gives them."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class ControllerNames(Table):
     velocity: Text
     integral_start: Text
     lead: Text
-    """Parameter: travel a radian."""
+    """Parameter with the travel per radian."""
 
 
 class PlantNames(Table):
@@ -76,12 +76,12 @@ class PlantNames(Table):
 
     instance: Text
     position: Text
-    """What follows the reference, ROLE.VARIABLE: an output of the plant, or an input of the controller."""
+    """Position that follows the reference, as ROLE.VARIABLE: an output of the plant or an input of the controller."""
     velocity: Text
     position_start: Text
     velocity_start: Text
     friction: Text
-    """Output that goes, divided by ``lead``, into ``integral_start`` of the controller."""
+    """Output whose value, divided by ``lead``, becomes ``integral_start`` of the controller."""
     start: dict[str, Scalar]
 
 

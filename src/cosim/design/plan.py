@@ -1,4 +1,4 @@
-"""The plan of a sweep: which values, which runs, which figures."""
+"""The plan of a sweep: the values of its parameters, its runs and its figures."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ FUNCTIONS: Mapping[str, Callable[[figures.Array, figures.Array], float]] = {
     "peak_to_peak": lambda time, signal: float(np.ptp(signal)),
     "total_variation": figures.total_variation,
 }
-"""What a metric may be ``of``."""
+"""Value of ``of`` in a metric -> the function that computes the metric."""
 
 
 def measure(result: Result, wanted: Sequence[Metric], window: tuple[float, float]) -> dict[str, float]:
-    """The figures of a run; those of ``result.summary.tracking`` if none are named.
+    """The figures of a run within ``window`` (begin and end in s); without ``wanted``, the tracking figures.
 
     Raises SimulationError if a signal that a figure needs is not finite.
     """
@@ -85,11 +85,11 @@ class Sweep:
     metrics: tuple[Metric, ...]
     window: tuple[float, float]
     timeout: float | None = None
-    """Limit for a run in s; None if it follows from the runs measured."""
+    """Time limit of a run in s; None if it is computed from the times of earlier runs."""
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything that decides the results."""
+        """SHA-256 of all data that determine the results."""
         content: list[Any] = [
             self.system.digest,
             self.parameters,
@@ -116,7 +116,7 @@ def read_sweep(path: str | Path, *, fmus: str | Path | None = None) -> Sweep:
 def make_sweep(
     document: Mapping[str, Any], *, name: str = "sweep", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> Sweep:
-    """Check a sweep given as nested tables, as a sweep file holds them."""
+    """Check a sweep given as nested tables, as a sweep file holds them. Raises DescriptionError with all problems."""
     data, problems = checked(document, SweepData, name)
     if data is None:
         raise DescriptionError(problems)
@@ -126,7 +126,7 @@ def make_sweep(
         variables = {path: variable_of(system, path) for path in data.parameters}
         points = _points(data, variables)
         for path, file in _records(system, tuple(data.parameters), points):
-            system.changed({path: file})  # says what is wrong with a record
+            system.changed({path: file})  # raises an error for a wrong record
     except DescriptionError as error:
         problems += [f"{name}: {problem}" for problem in error.problems]
     wanted, window, found = figures_of(data, system)
@@ -147,7 +147,10 @@ def make_sweep(
 
 
 def system_of(data: RunsData, folder: str | Path, fmus: str | Path | None, problems: Sequence[str]) -> System:
-    """The system that a file names, with its experiment; its problems are told after those given."""
+    """The system that a file names, with the file's changes of its experiment.
+
+    Raises DescriptionError with ``problems`` and all problems of the system.
+    """
     try:
         return read_system(Path(folder) / data.system, fmus=fmus, **data.experiment.model_dump(exclude_none=True))
     except DescriptionError as error:
@@ -155,13 +158,13 @@ def system_of(data: RunsData, folder: str | Path, fmus: str | Path | None, probl
 
 
 def recording(system: System, wanted: Sequence[Metric]) -> System:
-    """``system`` with the signals recorded that ``wanted`` needs, too."""
+    """The system that also records the signals of the metrics ``wanted``."""
     needed = dict.fromkeys([*(".".join(end) for end in system.record), *(metric.signal for metric in wanted)])
     return system.changed(record=list(needed))
 
 
 def variable_of(system: System, path: str) -> Variable:
-    """The variable of a parameter of a file. Raises DescriptionError if there is none, or it cannot be set."""
+    """The variable INSTANCE.VARIABLE of a system. Raises DescriptionError if it does not exist or cannot be set."""
     instance, _, variable = path.partition(".")
     signal = next((signal for signal in system.signals if signal.name == instance), None)
     found = system.variable(instance, variable) if signal is None else setting(signal, variable)
@@ -171,14 +174,14 @@ def variable_of(system: System, path: str) -> Variable:
 
 
 def _records(system: System, parameters: Sequence[str], points: Sequence[Point]) -> list[tuple[str, str]]:
-    """The records that parameters name: path of the parameter and file."""
+    """The records that parameters name, as pairs of the parameter's path and the file."""
     names = {f"{signal.name}.file" for signal in system.signals}
     wanted = {(path, str(point[i])): None for i, path in enumerate(parameters) if path in names for point in points}
     return list(wanted)
 
 
 def check_values(variables: Mapping[str, Variable], rows: Sequence[Point]) -> None:
-    """Raise DescriptionError for values that the variables do not take, the first ten of them."""
+    """Raise DescriptionError for values that the variables do not accept; it names the first ten."""
     problems: dict[str, None] = {}
     for row in rows:
         for (path, variable), value in zip(variables.items(), row, strict=True):
@@ -190,7 +193,7 @@ def check_values(variables: Mapping[str, Variable], rows: Sequence[Point]) -> No
 
 
 def _points(data: SweepData, variables: Mapping[str, Variable]) -> tuple[Point, ...]:
-    """The values of each run, checked against type and bounds."""
+    """The parameter values of each run, checked against types and bounds."""
     if data.method in ("grid", "list"):
         axes = [_axis(path, given) for path, given in data.parameters.items()]
         if data.method == "grid":
@@ -227,13 +230,13 @@ def _shares(method: str, dimensions: int, count: int, seed: int) -> figures.Arra
     qmc: Any = _qmc
     engine = qmc.LatinHypercube(d=dimensions, rng=seed) if method == "latin" else qmc.Sobol(d=dimensions, rng=seed)
     with warnings.catch_warnings():
-        # Sobol points of another number than a power of two are less balanced; the user chose the number.
+        # scipy warns that Sobol points are less balanced if their number is no power of two; the user chose the number.
         warnings.simplefilter("ignore", UserWarning)
         return cast(figures.Array, engine.random(count))
 
 
 def _spread(given: AxisData | list[Value], shares: figures.Array) -> list[Value]:
-    """Shares of the unit interval as values of a parameter."""
+    """The values of a parameter at ``shares`` (0 ... 1) of its range or list."""
     if isinstance(given, list):
         return [given[min(int(share * len(given)), len(given) - 1)] for share in shares]
     return [given.at(float(share)) for share in shares]

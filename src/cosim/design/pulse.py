@@ -1,20 +1,21 @@
-"""Learning of friction pulses: amplitude and duration of the velocity pulse at a reversal, over its acceleration.
+"""Learning of friction pulses: amplitude and duration of the velocity pulse at a reversal, over the acceleration.
 
 Every run of the loop goes through one reversal on a circle at constant speed, so that the reverse acceleration is
-speed^2/radius. Runs start ``LEAD_IN`` before the reversal, at that speed, in steady friction and with the friction in
-the integrator; the state at the reversal is saved, and the runs of one acceleration go on from there. The index is J,
-the rms position error from the reversal on over the monitoring time 2.5*t_c.
+speed^2/radius. Runs start ``LEAD_IN`` seconds before the reversal, at that speed, with steady friction, which the
+integrator of the controller already compensates. The state at the reversal is saved, and all runs of one acceleration
+go on from there. The performance index is J, the rms position error during the monitoring time 2.5*t_c from the
+reversal on.
 
     1. t_c, the time from the reversal to the largest error without pulse, at four accelerations (4 runs)
-    2. the duration of the best pulse there, the shortest if several are as good: nine of 0.5 ... 1.5 t_c, ten
-       amplitudes each (360 runs)
+    2. the duration of the best pulse at these accelerations, the shortest if several are equally good: nine durations
+       of 0.5 ... 1.5 t_c, ten amplitudes each (360 runs)
     3. the amplitude at 13 accelerations, eleven coarse steps from A_0 to A_max (143 runs)
-    4. the amplitude at these and the points between, eleven fine steps about the coarse one (275 runs)
+    4. the amplitude at these and at the points between, eleven fine steps around the coarse value (275 runs)
     5. a general regression neural network (Nadaraya & Watson) over the logarithm of the acceleration smooths the
-       amplitudes; its spread predicts each of them best from the others
+       amplitudes; the spread is the one that best predicts each amplitude from the others
 
-The tables hold amplitude and duration at 60 accelerations of equal ratios. Friction that has changed shows in J at
-the same pulses: more than 1.5 times its nominal value asks for learning anew.
+The tables hold amplitude and duration at 60 accelerations of equal ratios. A change of friction makes J larger with the
+same pulses: if J exceeds 1.5 times its nominal value, the tables have to be learned again.
 
 Source: Feng et al., A novel time-varying friction compensation method for servomechanism, Mathematical Problems in
 Engineering 2015; its formulas are not legible and are rebuilt from its text and figures.
@@ -44,22 +45,24 @@ from .reversals import LEAD_OUT, Axis, AxisRuns, Job, Pulse
 ACCELERATIONS = (2e-3, 10e-3, 40e-3, 120e-3)
 """Reverse accelerations at which durations are learned, m/s2; the first and last bound the tables."""
 MONITORED = 2.5
-"""Monitoring time over t_c."""
+"""Monitoring time divided by t_c."""
 SHARES = tuple(0.5 + 0.125 * i for i in range(9))
-"""Durations tried, over t_c."""
+"""Durations tried, divided by t_c."""
 AMPLITUDES = 10
+"""Number of amplitudes tried with each duration."""
 FLAT = 1.02
-"""Of the durations whose J is within this ratio of the least, the shortest counts: one sample of t_c would decide
-between them otherwise."""
+"""Durations whose J is within this ratio of the least J are equally good, and the shortest is taken. Without this rule,
+a difference of one sample in t_c would decide between them."""
 TOP = 0.98
-"""Samples above this share of the largest error make its peak."""
+"""Samples above this share of the largest error belong to its peak."""
 STEPS = 10
-"""Steps of the coarse and of the fine search for the amplitude."""
+"""Number of steps of the coarse search and of the fine search for the amplitude."""
 FINE = 5
-"""Fine steps in a coarse one."""
+"""Number of fine steps in a coarse step."""
 NODES = 60
+"""Number of nodes of the tables."""
 RELEARN = 1.5
-"""J over its nominal value above which friction counts as changed."""
+"""J divided by its nominal value above which friction counts as changed."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class Tables:
     duration: Array
 
     def at(self, acceleration: float) -> Pulse:
-        """The pulse at an acceleration, linear between nodes, the ends held."""
+        """Amplitude in m/s and duration in s at an acceleration in m/s2, linear between nodes; the ends are held."""
         return (
             float(np.interp(acceleration, self.acceleration, self.amplitude)),
             float(np.interp(acceleration, self.acceleration, self.duration)),
@@ -83,29 +86,29 @@ class Learned:
     """What was learned for an axis; SI units."""
 
     t_c: Array
-    """At ``ACCELERATIONS``."""
+    """Time from the reversal to the largest error without pulse, at ``ACCELERATIONS``."""
     durations: Array
-    """At ``ACCELERATIONS``."""
+    """Duration of the best pulse, at ``ACCELERATIONS``."""
     accelerations: Array
-    """Of the fine search."""
+    """Accelerations of the fine search."""
     amplitudes: Array
     costs: Array
     """J at the amplitudes of the fine search."""
     spread: float
     tables: Tables
     nominal: Array
-    """J with the tables' pulses, at ``ACCELERATIONS``."""
+    """J with the pulses of the tables, at ``ACCELERATIONS``."""
     runs: Mapping[str, int]
-    """Number of runs by stage; those for ``nominal`` come on top."""
+    """Stage -> number of runs, without the runs for ``nominal``."""
     seconds: float
 
     def monitoring_time(self, acceleration: float) -> float:
-        """Seconds over which J is taken."""
+        """Time in s after a reversal over which J is computed."""
         return MONITORED * log_interpolated(acceleration, self.t_c)
 
 
 def log_interpolated(acceleration: float, values: Array) -> float:
-    """``values`` at ``ACCELERATIONS``, linear in both logarithms, the ends held."""
+    """Interpolation of ``values`` at ``ACCELERATIONS``, linear in both logarithms; the ends are held."""
     return math.exp(float(np.interp(math.log(acceleration), np.log(ACCELERATIONS), np.log(values))))
 
 
@@ -131,9 +134,11 @@ def learn_friction_pulse(
         learned = learn_friction_pulse("studies/feng2015/circle.toml", "x")
         learned.tables.amplitude
 
-    The largest amplitude is ``acceleration_max`` (m/s2) times the rise time of the pulse (default: that of the pulse's
-    instance), the smallest of the coarse search ``alpha`` times that. ``workers`` processes share the runs of a
-    stage; ``timeout`` in s is the limit for a run. ``progress`` is told the stage, runs done and the total.
+    The largest amplitude is ``acceleration_max`` (m/s2) times ``rise_time`` in s of the pulse (default: that of the
+    pulse's instance). The smallest amplitude of the coarse search is ``alpha`` times the largest. ``radius`` of the
+    circle is in m. ``workers`` processes share the runs of a stage; ``timeout`` in s is the limit for a run.
+    ``progress`` gets the stage, the number of runs done and the total. Raises DescriptionError for a wrong system or
+    axis, WorkerError for a run that crashes or hangs.
     """
     axis = Axis.named(axis) if isinstance(axis, str) else axis
     system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
@@ -212,7 +217,10 @@ def table_costs(runs: AxisRuns, tables: Tables, t_c: Array) -> Array:
 
 
 def peak_time(error: Array) -> float:
-    """Samples to the largest magnitude: the vertex of a parabola through the top, which rounding leaves flat."""
+    """Position of the largest magnitude in samples, from a parabola fitted to the samples of the peak.
+
+    Rounding of the error makes the top flat, so that the largest sample alone is not unique.
+    """
     size = np.abs(error)
     top = int(np.argmax(size))
     low = top - int(np.argmin(size[top::-1] >= TOP * size[top]))
@@ -227,20 +235,20 @@ def peak_time(error: Array) -> float:
 
 
 def coarse_grid() -> Array:
-    """The 13 accelerations of the coarse search: four equal steps between those at which durations are learned."""
+    """The 13 accelerations of the coarse search: four equal steps between neighbours in ``ACCELERATIONS``."""
     parts = [np.linspace(low, high, 5)[:-1] for low, high in pairwise(ACCELERATIONS)]
     return np.append(np.concatenate(parts), ACCELERATIONS[-1])
 
 
 def regression(at: Array, points: Array, values: Array, spread: float) -> Array:
-    """Nadaraya & Watson's mean of ``values`` at ``points``, Gaussian weights over the logarithm."""
+    """Nadaraya & Watson's mean of ``values`` at ``points``, with Gaussian weights over the logarithm of the points."""
     exponent = -((np.log(at)[:, None] - np.log(points)[None, :]) ** 2) / (2.0 * spread**2)
     weights = np.exp(exponent - np.max(exponent, axis=1, keepdims=True))
     return np.asarray(weights @ values / np.sum(weights, axis=1), dtype=np.float64)
 
 
 def best_spread(points: Array, values: Array) -> float:
-    """The spread, of 40, that predicts each point best from the others."""
+    """The spread, out of 40, that best predicts each value from the others."""
     median = float(np.median(np.diff(np.log(points))))
 
     def miss(spread: float) -> float:
@@ -258,7 +266,7 @@ def best_spread(points: Array, values: Array) -> float:
 
 @dataclass(frozen=True)
 class Monitored:
-    """J of an axis with given tables against its nominal value."""
+    """J of an axis with given tables, and its nominal value."""
 
     acceleration: float
     J: float
@@ -266,7 +274,7 @@ class Monitored:
 
     @property
     def ratio(self) -> float:
-        """J over its nominal value."""
+        """J divided by its nominal value."""
         return self.J / self.nominal
 
 
@@ -279,7 +287,7 @@ def monitor(
     radius: float = 0.05,
     fmus: str | Path | None = None,
 ) -> list[Monitored]:
-    """J with the pulses learned, over the same times; a ratio above ``RELEARN`` asks for learning anew."""
+    """J with the learned pulses over the learned monitoring times; above the ratio ``RELEARN``, learn again."""
     axis = Axis.named(axis) if isinstance(axis, str) else axis
     system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
     with AxisRuns(system, axis, radius=radius) as runs:
@@ -311,7 +319,7 @@ def save(learned: Learned, path: Path) -> None:
 
 
 def load(path: Path) -> Learned:
-    """Read what ``save`` has written. Raises DescriptionError."""
+    """Read a file that ``save`` has written. Raises DescriptionError for any other file."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         arrays = {name: np.array(content[name]) for name in ("t_c", "durations", "accelerations", "amplitudes")}
@@ -334,7 +342,7 @@ def load(path: Path) -> Learned:
 def write_start(
     learned: Mapping[str, Learned], path: Path, *, base: str | None = None, names: AxisNames | None = None
 ) -> None:
-    """Write a system file that gives each pulse instance its tables; ``base`` is the file it completes."""
+    """Write a system file that gives each pulse instance its tables; ``base`` is the file that it extends."""
     pulse = (names or axis_names()).pulse
     values: dict[str, Any] = {}
     for instance, result in learned.items():
@@ -349,7 +357,7 @@ def write_start(
 
 
 def plot_learned(learned: Mapping[str, Learned], path: Path) -> None:
-    """Amplitudes and durations over the acceleration: what was found and the tables through it."""
+    """Draw amplitudes and durations over the acceleration: the values found and the tables."""
     from ..result.plots import Panel, Series, plot_panels
 
     amplitude: list[Series] = []

@@ -1,4 +1,4 @@
-"""Runs of an axis through one reversal on a circle, from a state that is kept at the reversal."""
+"""Runs of an axis through one reversal on a circle. They start from a saved state at the reversal."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .names import AxisNames, axis_names
 from .workers import Limit, Loadable, WorkerError, Workers, simulation_of
 
 LEAD_IN, LEAD_OUT = 0.6, 0.5
-"""Seconds before the reversal at which a run starts, and after it within which the error must peak."""
+"""Time in s before the reversal at which a run starts, and time after it within which the error has its peak."""
 
 Pulse = tuple[float, float]
 """Amplitude in m/s, duration in s."""
 Job = tuple[float, Sequence[Pulse], float]
-"""Reverse acceleration, the pulses to try there, and the seconds to look at."""
+"""Reverse acceleration in m/s2, the pulses to try, and the time in s after the reversal that is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class Axis:
     controller: str
     plant: str
     position: str = ""
-    """What follows the reference, plant.VARIABLE or controller.VARIABLE; "" for that of the names."""
+    """The position that follows the reference, plant.VARIABLE or controller.VARIABLE; "" takes it from the names."""
     names: AxisNames = field(default_factory=axis_names)
 
     @classmethod
     def named(cls, suffix: str, *, position: str = "", names: AxisNames | None = None) -> Axis:
-        """The axis whose instances end in ``_suffix``: trajectory_x, pulse_x ...; ``""`` for plain names.
+        """The axis whose instances end in ``_suffix``: trajectory_x, pulse_x ...; ``""`` for names without suffix.
 
-        ``names`` are those of other components than the study's.
+        ``names`` are needed for components other than those of the study.
         """
         names = names or axis_names()
         end = f"_{suffix}" if suffix else ""
@@ -59,12 +59,15 @@ class Axis:
         return [f"{self.trajectory}.{self.names.trajectory.reference}", f"{instances[role]}.{variable}"]
 
     def one_pulse(self, amplitude: float, duration: float) -> dict[str, object]:
-        """Tunable values of the source of pulses."""
+        """Values of the source of pulses for one pulse; ``amplitude`` in m/s, ``duration`` in s."""
         names = self.names.pulse
         return {f"{self.pulse}.{names.amplitude}": amplitude, f"{self.pulse}.{names.duration}": duration}
 
     def circle(self, radius: float, acceleration: float) -> dict[str, object]:
-        """Start values ``LEAD_IN`` before a reversal with this acceleration, on the circle at constant speed."""
+        """Start values for a run that begins ``LEAD_IN`` before a reversal, on a circle at constant speed.
+
+        ``radius`` is in m, the reverse ``acceleration`` in m/s2.
+        """
         trajectory, plant = self.names.trajectory, self.names.plant
         rate = math.sqrt(acceleration / radius)  # rad/s on the circle
         angle = math.pi - rate * LEAD_IN
@@ -80,7 +83,7 @@ class Axis:
 
 
 def axis_system(system: System, axis: Axis) -> System:
-    """The part of a system that is connected with the axis, with the plant's velocity led to its controller."""
+    """The part of a system that is connected with the axis, with the plant's velocity connected to its controller."""
     document = system.document
     records = {signal.name for signal in system.signals}
     ends = [(c.source[0], c.target[0]) for c in system.connections if c.source[0] not in records]
@@ -113,7 +116,7 @@ def axis_system(system: System, axis: Axis) -> System:
 
 @dataclass(frozen=True)
 class Reversals:
-    """What a process needs for runs through reversals."""
+    """The data that a process needs for runs through reversals."""
 
     system: Loadable
     axis: Axis
@@ -121,12 +124,12 @@ class Reversals:
 
 
 def reversal_errors(given: Reversals, job: Job) -> list[Array]:
-    """Position errors from a reversal on, one for each pulse of a job, by the FMUs that this process keeps loaded."""
+    """Position errors in m after a reversal, one array for each pulse of a job. The process keeps the FMUs loaded."""
     acceleration, pulses, seconds = job
     simulation, axis = simulation_of(given.system), given.axis
     checkpoint = reversal(given, acceleration)
     step = float(simulation.system.step_size)
-    # Communication points count: the last one of a whole number of samples.
+    # The run stops at the communication point after a whole number of samples.
     stop = checkpoint.time + max(1, round(seconds / step)) * step
     found: list[Array] = []
     for amplitude, duration in pulses:
@@ -136,17 +139,17 @@ def reversal_errors(given: Reversals, job: Job) -> list[Array]:
 
 
 _checkpoints: dict[tuple[int, float, float], Checkpoint] = {}
-"""Reversals of this process: simulation, radius and acceleration -> where the loop is then."""
+"""Saved reversals of this process: (simulation, radius, acceleration) -> the state of the loop at the reversal."""
 
 
 def reversal(given: Reversals, acceleration: float) -> Checkpoint:
-    """The loop at the reversal with this acceleration."""
+    """The state of the loop at the reversal with this acceleration in m/s2."""
     simulation, axis = simulation_of(given.system), given.axis
     key = id(simulation), given.radius, acceleration
     if key not in _checkpoints:
         plant, controller = axis.names.plant, axis.names.controller
         system = simulation.system.changed(axis.circle(given.radius, acceleration))
-        # What the plant says its friction is at the start belongs into the integrator.
+        # The integrator of the controller starts at the friction that the plant has at the start.
         begin = simulation.pause(float(system.start_time), system)
         friction = simulation.value(axis.plant, plant.friction) / simulation.value(axis.controller, controller.lead)
         simulation.release(begin)
@@ -156,9 +159,9 @@ def reversal(given: Reversals, acceleration: float) -> Checkpoint:
 
 
 class AxisRuns:
-    """Closed-loop runs of an axis through a reversal; a context manager that keeps one worker a thread.
+    """Closed-loop runs of an axis through a reversal; a context manager that keeps one worker for each thread.
 
-    A job that takes longer than ``timeout`` seconds for each of its runs ends the learning.
+    A job that takes longer than ``timeout`` seconds times the number of its runs ends the learning.
     """
 
     def __init__(
@@ -183,17 +186,20 @@ class AxisRuns:
         self._pool.shutdown()
 
     def errors(self, jobs: Sequence[Job]) -> list[list[Array]]:
-        """Position errors from the reversal on, one for each pulse of each job. Raises WorkerError."""
+        """Position errors in m after the reversal, one array for each pulse of each job.
+
+        Raises WorkerError if a run crashes or takes too long.
+        """
         found = list(self._pool.map(self._errors, jobs))
         self.count += sum(len(pulses) for _, pulses, _ in jobs)
         return found
 
     def costs(self, jobs: Sequence[Job]) -> list[list[float]]:
-        """J of every pulse of every job."""
+        """J in m of every pulse of every job."""
         return [[rms(error) for error in errors] for errors in self.errors(jobs)]
 
     def _errors(self, job: Job) -> list[Array]:
-        """The runs of a job, and one to the reversal, within the limit of a run for each."""
+        """The errors of a job; its time limit is that of its runs and of one more run up to the reversal."""
         acceleration, pulses, _ = job
         worker, count = self._workers.mine(), len(pulses) + 1
         limit = Limit(self._longest.seconds * count)

@@ -7,31 +7,31 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 SCAN = 1.15
-"""Ratio of neighbouring gains while the limit is not yet passed."""
+"""Ratio of neighbouring gains in the upward scan, before the limit is passed."""
 PRECISION = 1.005
 """Ratio of the first unstable to the last stable gain at the end of a search."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Where the gain becomes too large, and what it took to find it."""
+    """The limit of a gain, and the number of runs that the search took."""
 
     stable: float
-    """Largest gain found stable; NaN if the first was not."""
+    """Largest gain found stable; NaN if the first gain was unstable."""
     unstable: float
-    """Smallest gain found unstable; NaN if none was up to the end of the scan."""
+    """Smallest gain found unstable; NaN if all gains of the scan were stable."""
     runs: int
 
     @property
     def value(self) -> float:
-        """The limit: the geometric mean of both."""
+        """The limit: the geometric mean of ``stable`` and ``unstable``."""
         return math.sqrt(self.stable * self.unstable)
 
 
 def search_limit(
     oscillates: Callable[[float], bool], first: float, last: float, *, scan: float = SCAN, precision: float = PRECISION
 ) -> Limit:
-    """Scan gains upwards from ``first`` by the ratio ``scan`` to the first that oscillates, then bisect.
+    """Scan gains from ``first`` upwards by the ratio ``scan`` until one oscillates, then bisect down to ``precision``.
 
     Stability need not be monotone at low gain, so the limit is sought only between the last stable and the first
     unstable gain of the upward scan.

@@ -1,15 +1,16 @@
-"""Limits of stability of NCTF control: linear and sampled, practical by simulation, and maps of both.
+"""Limits of stability of NCTF control: of the sampled linear loop, practical ones by simulation, and maps of both.
 
-The nominal object is K*alpha/(s*(s + alpha)), the compensator K_P + K_I*T*z/(z - 1) on alpha*e - v with v the backward
-difference of the position, the command held over the sampling time T. With W = omega_n*T, a = alpha*T, E = exp(-a) and
-c = 2*zeta*W, K_P = 2*zeta*omega_n/(alpha*K) and K_I = omega_n**2/(alpha*K), the characteristic polynomial is
+The nominal object is K*alpha/(s*(s + alpha)). The compensator K_P + K_I*T*z/(z - 1) acts on alpha*e - v, where v is the
+backward difference of the position. The command is held over the sampling time T. With W = omega_n*T, a = alpha*T,
+E = exp(-a), c = 2*zeta*W, K_P = 2*zeta*omega_n/(alpha*K) and K_I = omega_n**2/(alpha*K), the characteristic polynomial
+is
 
     z*(z - 1)^2*(z - E) + ((c + W^2)*z - c)*((1 + a)*z - 1)*((a - 1 + E)*z + (1 - E - a*E))/a^2
 
-For a -> 0 it is stable where W^2 < 4*kappa*(1 - kappa)/(1 + kappa), kappa = zeta*W.
+For a -> 0 the loop is stable if W^2 < 4*kappa*(1 - kappa)/(1 + kappa), kappa = zeta*W.
 
-Friction raises the limit: the practical one is where a step no longer comes to rest, found by simulation. The
-practical damping ratio at an ultimate gain K_Pu is zeta = K_Pu*alpha*K*T/(2*W).
+Friction raises the limit. The practical limit is the gain above which the response to a step no longer comes to rest;
+it is found by simulation. The practical damping ratio at an ultimate gain K_Pu is zeta = K_Pu*alpha*K*T/(2*W).
 
 Source: Maeda & Sato, Practical control method for ultra-precision positioning using a ballscrew mechanism, Precision
 Engineering 32, 2008, secs. 4 and 6; Jury's test as in Astrom & Wittenmark, Computer-Controlled Systems, 1997, sec. 3.3.
@@ -43,13 +44,13 @@ from .workers import Limit as Timeout
 from .workers import Loadable, Worker, WorkerError
 
 SERIES_BELOW = 0.05
-"""alpha*T below which the differences of nearly equal numbers are taken from their series."""
+"""Below this alpha*T, differences of nearly equal numbers are computed from their series to avoid cancellation."""
 SWING = 50e-9
-"""Smallest oscillation, peak to peak in m, that counts."""
+"""Smallest peak-to-peak value in m that counts as an oscillation."""
 KEPT = 0.8
-"""Share of its size that an oscillation keeps from the third quarter of a run to the last."""
+"""A sustained oscillation keeps at least this share of its size from the third quarter of a run to the last."""
 CROSSINGS = 8
-"""Zero crossings of the last quarter that make it an oscillation and not a creep."""
+"""Least number of zero crossings in the last quarter; a signal with fewer is a creep, not an oscillation."""
 
 
 # Linear
@@ -84,7 +85,7 @@ def characteristic_polynomial(zeta: float, W: float, a: float) -> Array:
 
 
 def closed_form_limits(W: float) -> tuple[float, float]:
-    """Smallest and largest stable damping ratio for alpha*T -> 0. NaN where none is, W > 2*sqrt(2) - 2."""
+    """Smallest and largest stable damping ratio at ``W`` for alpha*T -> 0; NaN if W > 2*sqrt(2) - 2: none is stable."""
     root = (4.0 - W**2) ** 2 - 16.0 * W**2
     if root < 0.0 or W >= 2.0:
         return math.nan, math.nan
@@ -92,7 +93,7 @@ def closed_form_limits(W: float) -> tuple[float, float]:
 
 
 def linear_limits(W: float, a: float) -> tuple[float, float]:
-    """Smallest and largest stable damping ratio at W = omega_n*T and a = alpha*T by Jury's test. NaN where none is."""
+    """Smallest and largest stable damping ratio at W = omega_n*T and a = alpha*T by Jury's test; NaN without any."""
     low, high = closed_form_limits(W)
     centres = [math.sqrt(low * high)] if math.isfinite(low) else []
     centres += [float(zeta) for zeta in np.geomspace(1e-3, 1e3, 400)]
@@ -107,7 +108,10 @@ def linear_limits(W: float, a: float) -> tuple[float, float]:
 
 
 def _edge(stable: Callable[[float], bool], inside: float, factor: float) -> float:
-    """Where ``stable`` ends on the way from ``inside`` by ``factor``; 0 or infinity if it does not."""
+    """The edge of the stable range, searched from the stable value ``inside`` by steps of ``factor``.
+
+    0 (for a factor below 1) or infinity if no step finds an unstable value.
+    """
     outside = inside * factor
     while stable(outside):
         inside, outside = outside, outside * factor
@@ -123,14 +127,17 @@ def _edge(stable: Callable[[float], bool], inside: float, factor: float) -> floa
 
 
 def practical_zeta(gain: float, W: float, *, alpha: float, K: float, T_s: float) -> float:
-    """Damping ratio that a gain K_P means; with the ultimate gain, the practical limit (eq. (5))."""
+    """Damping ratio that corresponds to a gain K_P; the ultimate gain gives the practical limit (eq. (5)).
+
+    ``W`` = omega_n*T_s, ``alpha`` in 1/s, ``K`` in m/s for a unit of command, ``T_s`` in s.
+    """
     return gain * alpha * K * T_s / (2.0 * W)
 
 
 def nctf_spectral_radius(
     plant: StateSpace, *, K_P: float, K_I: float, alpha: float, T_s: float, delay: int = 0
 ) -> float:
-    """Largest magnitude of the closed loop's eigenvalues: NCTF-PI in the linear part of its NCT on a linear plant.
+    """Largest magnitude of the eigenvalues of a closed loop: NCTF-PI in the linear part of its NCT with a linear plant.
 
     ``plant`` has one input, the command, and one output, the position; the loop is closed about rest on target.
     ``delay`` samples pass from measurement to command (0 or 1).
@@ -138,7 +145,7 @@ def nctf_spectral_radius(
     sampled = plant.held(T_s)
     F, g, C = sampled.A, sampled.B[:, 0], plant.C[0]
     n = F.shape[0]
-    # State: x, last position, integral, last command. The loop's matrix is what it does to unit vectors.
+    # State: x, last position, integral, last command. The columns of the loop's matrix are its images of unit vectors.
     columns: list[Array] = []
     for unit in np.eye(n + 3):
         x, (last, integral, pending) = unit[:n], (float(value) for value in unit[n:])
@@ -154,7 +161,7 @@ def nctf_spectral_radius(
 def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float = 0.0, delay: int = 0) -> float:
     """Largest stable K_P of NCTF control on a linear plant (see ``nctf_spectral_radius``).
 
-    With K_I = 0 the integrator's own eigenvalue of 1 does not count.
+    With K_I = 0 the eigenvalue 1 of the unused integrator does not count.
     """
     bound = 1.0 + 1e-9
 
@@ -172,20 +179,21 @@ def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float
 
 @dataclass(frozen=True)
 class Oscillation:
-    """What is left of a step response at its end."""
+    """The oscillation at the end of a step response."""
 
     size: float
     """Peak to peak over the last quarter, trend removed, in the unit of the signal."""
     frequency: float
-    """Hz."""
+    """Frequency in Hz."""
     sustained: bool
 
 
 def oscillation(time: Array, signal: Array, *, swing: float = SWING) -> Oscillation:
     """Whether a signal still oscillates at the end of the record.
 
-    It does if, after removal of the linear trend, the last quarter swings by more than ``swing``, by at least 0.8 times
-    as much as the quarter before, and crosses zero 8 times. A slow creep passes the first two conditions alone.
+    The linear trend of each quarter is removed. The signal oscillates if the peak-to-peak value of the last quarter is
+    above ``swing`` and at least 0.8 times that of the quarter before, and if the last quarter crosses zero 8 times. The
+    third condition excludes a slow creep. ``time`` is in s, ``swing`` in the unit of the signal.
     """
     quarter = time.size // 4
     if quarter < 16:
@@ -221,9 +229,10 @@ def practical_limit(
 
         limit = practical_limit("studies/maeda2008/gain.toml", {"trajectory.amplitude": 1e-5})
 
-    ``overrides`` are start values of all runs, ``stop_time`` their end in s (None: the system's), ``timeout`` the limit
-    for a run in s. Names are INSTANCE.VARIABLE (default: those of the study). A ``Simulation`` is run as it is, with
-    the FMUs it has loaded. Raises DescriptionError, SimulationError, WorkerError for a run that crashes or hangs.
+    ``overrides`` are start values of all runs, ``stop_time`` is their end in s (None: that of the system), ``timeout``
+    the time limit of a run in s, ``swing`` the smallest oscillation in m. Names are INSTANCE.VARIABLE (default: those
+    of the study). A ``Simulation`` is run with the FMUs that it has loaded. Raises DescriptionError for wrong names or
+    values, SimulationError for a run that fails, WorkerError for a run that crashes or hangs.
     """
     names = nctf_names()
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
@@ -252,9 +261,9 @@ class _Trials:
     swing: float
 
     def oscillates(self, changes: Mapping[str, object]) -> Callable[[float], bool]:
-        """Whether the position oscillates at a gain, with other start values."""
+        """A function: gain -> whether the position oscillates, with the start values ``changes``."""
         loadable, look = Loadable.of(self.system), partial(judge, position=self.position, swing=self.swing)
-        self.system.changed(changes)  # Wrong names are told before the first run.
+        self.system.changed(changes)  # Wrong names raise before the first run.
 
         def found(value: float) -> bool:
             try:
@@ -277,7 +286,7 @@ def judge(result: Result, position: str, swing: float = SWING) -> Oscillation:
 
 @dataclass(frozen=True)
 class Case:
-    """One object of a map: what it changes of the system, and where its limits are sought."""
+    """One object of a map: its changes of the system, and the points at which its limits are searched."""
 
     name: str
     overrides: Mapping[str, object]
@@ -286,7 +295,7 @@ class Case:
     alpha: float
     """Inclination of the NCT in the gain formulas, 1/s."""
     first: float = 300.0
-    """Gain at which its scan for the ultimate gain begins."""
+    """Gain at which the scan for the ultimate gain begins."""
 
 
 @dataclass(frozen=True)
@@ -298,11 +307,14 @@ class MapPoint:
     linear: float
     """Largest stable damping ratio of the sampled linear loop."""
     practical: float
-    """That of the ultimate gain, eq. (5)."""
+    """Damping ratio at the ultimate gain, eq. (5)."""
     found: float
-    """That at which the loop with its integral gain oscillates; at a loop unstable from the first gain, that gain's."""
+    """Damping ratio at which the simulated loop with its integral gain begins to oscillate.
+
+    If the loop oscillates at the first gain already, it is the damping ratio of that gain.
+    """
     starts_unstable: bool
-    """Whether the loop oscillates at 0.4 of the ultimate gain already."""
+    """Whether the loop oscillates at the first gain already, which is 0.4 of the ultimate gain by default."""
 
     @property
     def deviation(self) -> float:
@@ -315,7 +327,7 @@ class LimitMap:
     """The limits of several objects over W = omega_n*T."""
 
     ultimate: Mapping[str, float]
-    """Ultimate gain of each object, K_I = 0."""
+    """Object -> its ultimate gain with K_I = 0."""
     points: tuple[MapPoint, ...]
     runs: int
 
@@ -341,11 +353,11 @@ def limit_map(
     fmus: str | Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> LimitMap:
-    """Ultimate gain of each case, then its limit of the damping ratio at each W with K_I = omega_n^2/(alpha*K).
+    """Ultimate gain of each case, and its limit of the damping ratio at each W with K_I = omega_n^2/(alpha*K).
 
-    ``K`` in m/s a unit of command is that of the gain formulas. The scan of a loop begins at ``start_share`` of the
-    case's ultimate gain. ``progress`` is told how many searches are done. Names, ``timeout`` and errors are as in
-    ``practical_limit``.
+    ``K`` in m/s for a unit of command is the constant of the gain formulas. The scan of a loop begins at
+    ``start_share`` of the case's ultimate gain. ``progress`` gets the number of searches done and the total. Names,
+    ``timeout`` and errors are as in ``practical_limit``.
     """
     names = nctf_names()
     gain = gain or names.of_controller(names.controller.proportional)
@@ -396,7 +408,7 @@ def limit_map(
 
 @dataclass(frozen=True)
 class MapFile:
-    """What a map file asks for."""
+    """The content of a map file."""
 
     description: str
     system: System
@@ -424,7 +436,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
         nct = true                           # give the controller the NCT of this alpha
         overrides = { "plant.F_C" = 0.023, "plant.F_S" = 0.023 }
 
-    Raises DescriptionError.
+    Raises DescriptionError with every problem found.
     """
     path = shipped_file(path)
     data = read_table(path, MapData)
@@ -443,7 +455,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
 
 
 def plot_limit_map(found: LimitMap, path: Path) -> None:
-    """The damping ratios over W: linear limit, practical limit and what the simulations found, one panel a case."""
+    """Draw the damping ratios over W, one panel for each case: linear limit, practical limit, limits by simulation."""
     from ..result.plots import Panel, Series, plot_panels
 
     panels: list[Panel] = []

@@ -21,13 +21,14 @@ A sweep file is TOML::
     window = [1.0, 2.0]                # seconds
     peak = { of = "max_abs", signal = "controller.error" }
 
-grid takes every combination, list the first values of all parameters, then the second ones ...; latin (Latin
-hypercube) and sobol spread ``count`` points over the ranges, and over the values of a list.
+The method grid takes every combination of values. The method list takes the first values of all parameters, then the
+second ones, and so on. The methods latin (Latin hypercube) and sobol spread ``count`` points over the ranges, and over
+the values of a list.
 
-Runs are numbered; the number decides the values. Batches of runs go to workers, which keep the FMUs loaded. What
-comes back is written at once as one more file of the data set, complete or not at all: a sweep that was interrupted
-goes on with the runs that are missing. A run that fails, crashes its process or takes too long is recorded with its
-reason, and is not met again.
+Runs are numbered, and the number of a run determines its values. Batches of runs go to workers, which keep the FMUs
+loaded. The rows of a finished batch are written at once as a new file of the data set, completely or not at all.
+So an interrupted sweep goes on with the missing runs. A run that fails, crashes its process or takes too long is
+recorded with its reason and not repeated.
 """
 
 from __future__ import annotations
@@ -48,42 +49,43 @@ from .plan import Sweep, read_sweep
 from .workers import Limit, unload
 
 BATCH_SECONDS = 1.0
-"""Work in one task: long against what a task costs, short against the loss when a sweep is interrupted."""
+"""Time of the runs in one batch: long compared with the overhead of a batch, but short enough to lose little work when
+a sweep is interrupted."""
 
 MAX_BATCH = 500
 
 DEATHS = 2
-"""A run that is lost this often, together with the worker of a cluster that did it, has failed."""
+"""A run has failed if this many workers of a cluster died during it."""
 
 WATCH_SECONDS = 1.0
-"""How often to look whether the workers are still there."""
+"""Time between two checks that the workers are still there."""
 
 
 @dataclass
 class SweepProgress:
-    """How far a sweep is."""
+    """The progress of a sweep."""
 
     total: int
     done: int
-    """Rows in the data set, those of earlier sessions included."""
+    """Number of rows in the data set, including those of earlier sessions."""
     failed: int = 0
-    """Runs of this session that failed."""
+    """Number of failed runs in this session."""
     begun: float = 0.0
     before: int = 0
-    """Rows that were there when this session began."""
+    """Number of rows in the data set when this session began."""
     run_seconds: float = 0.0
-    """Time spent in runs, over all workers."""
+    """Total time of the runs in s, summed over the workers."""
 
     @property
     def rate(self) -> float:
-        """Runs a second in this session."""
+        """Runs per second in this session."""
         elapsed = clock_time.perf_counter() - self.begun
         return (self.done - self.before) / elapsed if elapsed > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
 class SweepEnd:
-    """What a sweep left behind."""
+    """The result of a sweep."""
 
     folder: Path
     runs: int
@@ -96,7 +98,7 @@ class SweepEnd:
     run_seconds: float
     workers: int
     notes: tuple[str, ...] = ()
-    """What was damaged in the data set, in sentences."""
+    """Damages found in the data set, one sentence each."""
 
 
 def sweep(
@@ -113,10 +115,11 @@ def sweep(
 
         outcome = sweep("gains.toml", "results/gains", workers=2)
 
-    ``workers`` processes of this machine (default: its cores), or the cluster of the dask scheduler at ``scheduler``.
-    With 0 the runs are done in this process: an FMU that crashes or hangs takes it along. Raises DescriptionError;
-    FileError if the data set cannot be written; LoadError; ClusterError; KeyboardInterrupt. What was written stays,
-    and the same call goes on from there.
+    The runs are done by ``workers`` processes of this machine (default: one for each core), or by the cluster of the
+    dask scheduler at ``scheduler``. With ``workers=0`` the runs are done in this process, so an FMU that crashes or
+    hangs stops it. Raises DescriptionError for a wrong file, FileError if the data set cannot be written, LoadError if
+    the FMUs cannot be loaded, ClusterError if the cluster is lost, KeyboardInterrupt. Rows written so far are kept, and
+    the same call continues from them.
     """
     if workers is not None and workers < 0:
         raise DescriptionError(f"workers: {workers} is not a number of processes. Give 1 or more, or 0 for this one.")
@@ -159,7 +162,7 @@ def sweep(
 
 
 class _Batches:
-    """Cuts the runs into batches of about ``BATCH_SECONDS``, as measured so far."""
+    """Divides the runs into batches of about ``BATCH_SECONDS``, from the times of the runs so far."""
 
     def __init__(self, numbers: Sequence[int], workers: int) -> None:
         self.numbers = list(numbers)
@@ -192,10 +195,10 @@ def _run_here(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[RunR
 
 
 def _run_elsewhere(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence[RunRow]], None], crew: Crew) -> None:
-    """Runs by the workers of ``crew``; each batch is kept as it comes back."""
+    """Let the workers of ``crew`` do the runs; the rows of each batch are kept as it returns."""
     job, batches, limit = Job.of(plan), _Batches(missing, crew.count), Limit(plan.timeout)
     pending: dict[Future[list[RunRow]], Sequence[int]] = {}
-    # Which run of a batch made its worker die? Alone it shows.
+    # Runs of a batch whose worker died are repeated one by one, to find the run that was the cause.
     alone: deque[list[int]] = deque()
     deaths: dict[int, int] = {}
     while True:

@@ -1,4 +1,4 @@
-"""The report of a sweep: what was varied, how every figure depends on it, the best runs and the failed ones."""
+"""The report of a sweep: the varied parameters, the dependence of every figure on them, best runs and failed runs."""
 
 # matplotlib leaves the types of its keyword arguments open:
 # pyright: reportUnknownMemberType=false
@@ -29,7 +29,7 @@ SHOWN = 10
 
 
 def write_report(folder: Path) -> Path:
-    """Write ``report.md`` and one picture a figure into the folder of a data set; the path of the report."""
+    """Write ``report.md`` and a picture for each figure into the folder of a data set; returns the report's path."""
     data = DataSet(folder)
     try:
         about = data.about()
@@ -79,7 +79,7 @@ def _shown(value: Any) -> str:
 
 
 def _numbers(values: list[Any]) -> tuple[Array, list[str] | None]:
-    """The values as numbers; texts and booleans by their place, with their names."""
+    """The values as numbers. Texts and booleans become indices; the names behind the indices are returned, too."""
     if all(isinstance(value, float) for value in values):
         return np.array(values), None
     labels = sorted({str(value) for value in values})
@@ -94,7 +94,7 @@ def _is_log(values: Array) -> bool:
 
 
 def _draw(picture: Path, name: str, values: Array, given: Mapping[str, list[Any]], units: Mapping[str, str]) -> None:
-    """A line over one parameter, else a map over each pair of parameters."""
+    """Draw a figure: as a line if one parameter varies, else as a map for each pair of parameters."""
     varied = [path for path, column in given.items() if len(set(column)) > 1] or list(given)[:1]
     axes_of = {path: _numbers(given[path]) for path in varied}
     pairs = list(itertools.combinations(varied, 2))[:MAX_PAIRS]
@@ -135,7 +135,7 @@ def _draw(picture: Path, name: str, values: Array, given: Mapping[str, list[Any]
 
 
 def heat_map(axes: Axes, x: Array, y: Array, values: Array) -> Any:
-    """Cells where the points form a grid, each the mean of its values, else coloured points; for a colour bar."""
+    """Draw cells with mean values if the points form a grid, else coloured points; returns what a colour bar needs."""
     across, up = np.unique(x), np.unique(y)
     if across.size * up.size > max(values.size, 1):
         finite = np.isfinite(values)
@@ -151,7 +151,7 @@ def heat_map(axes: Axes, x: Array, y: Array, values: Array) -> Any:
 
 
 def _edges(centres: Array) -> Array:
-    """Edges of cells about ascending ``centres``: halfway between, for equal ratios halfway between logarithms."""
+    """Edges of cells around ascending ``centres``: midpoints of neighbours, for equal ratios of their logarithms."""
     if centres.size == 1:
         half = abs(float(centres[0])) / 2.0 or 0.5
         return np.array([centres[0] - half, centres[0] + half])

@@ -18,9 +18,9 @@ A tuning file is TOML::
     [metrics]                                  # optional, as in a sweep file
     [experiment]                               # optional, as in a sweep file
 
-Differential evolution (Storn & Price 1997) looks for the least objective. Points are compared by Deb's rules: one
-that keeps all limits beats one that does not, of two that do not the one with the smaller sum of relative excesses
-wins, so limits need no weights. A run that fails, crashes or takes too long keeps no limit.
+Differential evolution (Storn & Price 1997) searches the smallest objective. Points are compared by Deb's rules: a point
+that keeps all limits beats a point that does not. Of two points that break limits, the one with the smaller sum of
+relative excesses wins. So limits need no weights. A run that fails, crashes or takes too long breaks all limits.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from .plan import Metric, check_values, figures_of, measure, recording, system_o
 from .workers import Limit, Loadable, LoadError, Workers
 
 WORST = 1e6
-"""Excess of a run that failed."""
+"""Excess of a failed run, and the largest excess of any run. It is finite, so that the search can compare points."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Tuning:
     system: System
     parameters: tuple[str, ...]
     ranges: tuple[RangeData, ...]
-    """Of the parameters."""
+    """Range of each parameter."""
     metrics: tuple[Metric, ...]
     window: tuple[float, float]
     objective: str
@@ -66,12 +66,12 @@ class Tuning:
     population: int
     seed: int
     timeout: float | None = None
-    """Limit for a run in s; None if it follows from the runs measured."""
+    """Time limit of a run in s; None if it is computed from the times of earlier runs."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One evaluation."""
+    """One evaluated point."""
 
     values: tuple[float, ...]
     figures: Mapping[str, float]
@@ -87,7 +87,7 @@ class Tuned:
     parameters: Mapping[str, float]
     best: Trial
     feasible: bool
-    """Whether it keeps all limits."""
+    """Whether the best point keeps all limits."""
     trials: tuple[Trial, ...]
     generations: int
     message: str
@@ -102,7 +102,7 @@ def read_tuning(path: str | Path, *, fmus: str | Path | None = None) -> Tuning:
 def make_tuning(
     document: Mapping[str, Any], *, name: str = "tuning", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> Tuning:
-    """Check a tuning given as nested tables, as a tuning file holds them."""
+    """Check a tuning given as nested tables, as a tuning file holds them. Raises DescriptionError with all problems."""
     data, problems = checked(document, TuningData, name)
     if data is None:
         raise DescriptionError(problems)
@@ -110,7 +110,7 @@ def make_tuning(
     ranges = tuple(data.parameters.values())
     try:
         variables = {path: variable_of(system, path) for path in data.parameters}
-        # The ends, too, must be values that the variables take.
+        # The variables must accept the ends of the ranges, too.
         check_values(variables, [tuple(reach.at(share) for reach in ranges) for share in (0.0, 0.5, 1.0)])
     except DescriptionError as error:
         problems += [f"{name}: {problem}" for problem in error.problems]
@@ -167,7 +167,7 @@ class _Evaluator:
         return np.array([_key(trial, self.tuning)[::-1] for trial in found]).T
 
     def trial(self, shares: Sequence[float] | Array) -> Trial:
-        """One run; shares of the ranges."""
+        """One run; ``shares`` (0 ... 1) are the positions of the parameters in their ranges."""
         tuning = self.tuning
         values = tuple(reach.at(float(share)) for reach, share in zip(tuning.ranges, shares, strict=True))
         changes = dict(zip(tuning.parameters, values, strict=True))
@@ -192,7 +192,7 @@ class _Evaluator:
 
 
 def _key(trial: Trial, tuning: Tuning) -> tuple[float, float]:
-    """What is compared: excess first, then the objective."""
+    """The key that orders trials: the excess first, then the objective."""
     return trial.excess, trial.figures.get(tuning.objective, math.inf) if trial.excess < WORST else WORST
 
 
@@ -208,8 +208,8 @@ def tune(
         tuned = tune("gains.toml", workers=2)
         tuned.parameters, tuned.best.figures
 
-    ``workers`` processes evaluate a generation side by side; the result does not depend on them. ``progress`` is told
-    the number of runs and the best so far. Raises DescriptionError.
+    ``workers`` processes evaluate a generation in parallel; the result does not depend on their number. ``progress``
+    gets the number of runs and the best trial so far. Raises DescriptionError for a wrong file.
     """
     from scipy import optimize as _optimize
 
@@ -218,7 +218,7 @@ def tune(
     evaluator = _Evaluator(tuning, workers, progress)
 
     def objective(shares: Array) -> Any:
-        """One number that orders points as Deb's rules do: those that keep all limits lie below 0.5, others above 1."""
+        """One number that orders points by Deb's rules: points that keep all limits are below 0.5, others above 1."""
         flat = shares.ndim == 1
         scored = evaluator.scores(shares[:, None] if flat else shares)
         ordered = np.arctan(scored[0]) / math.pi
@@ -251,5 +251,5 @@ def tune(
 
 
 def write_start(tuned: Tuned, path: Path, *, base: str | None = None) -> None:
-    """Write a system file with the values found; ``base`` is the file it completes. Raises FileError."""
+    """Write a system file with the values found; ``base`` is the file that it extends. Raises FileError."""
     tables.write_start(path, tuned.parameters, base=base)

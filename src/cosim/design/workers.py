@@ -1,8 +1,8 @@
-"""Processes that do runs: an FMU that crashes, exits or hangs costs a run, not the sweep, fit or tuning.
+"""Processes that do runs. An FMU that crashes, exits or hangs then stops one run only, not the sweep, fit or tuning.
 
-A worker is a Python process that keeps the FMUs of a system loaded from run to run. It talks with its owner through
-two pipes, so nothing listens on a network. The owner watches the time; it ends a process that takes too long, and the
-next call starts a new one. A worker whose owner is gone ends itself.
+A worker is a Python process that keeps the FMUs of a system loaded from run to run. It exchanges data with its owner
+through two pipes, so it opens no network port. The owner ends a process that takes too long, and the next call starts a
+new process. A worker whose owner is gone ends itself.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ from ..system.system import System, make_system
 
 T = TypeVar("T")
 Answer = tuple[str, Any, bool]
-"""What kind of answer, its content, and whether the process is as it was."""
+"""Kind of the answer, its content, and whether the settings of the process are unchanged."""
 
 POLL_SECONDS = 0.1
-"""How often the time is looked at; an answer wakes the owner at once."""
+"""Time between two checks of the time limit; an answer wakes the owner at once."""
 
 END_SECONDS = 2.0
-"""How long a process whose pipe has closed may take to end: FMUs may close pipes, too."""
+"""Longest time for a process to end after its pipe has closed. An FMU may close the pipe while the process goes on."""
 
 KILLS = 3
-"""A run whose process is killed from outside so often has failed."""
+"""A run has failed if its process was killed from outside this many times."""
 
 LONGEST_TIMES, LEAST_SECONDS = 20.0, 10.0
-"""The limit for a run is this many times the longest run so far, but at least so many seconds.
+"""The time limit of a run is the longest run so far times the first number, but at least the second number in s.
 
-Runs of one system differ by the stiffness that parameters give it, and a loaded machine slows all of them.
+Run times of a system differ, since parameters change its stiffness, and a loaded machine slows all runs.
 """
 
 UNKNOWN_SECONDS = 3600.0
-"""The limit for a run while none has ended yet, and for loading: nothing tells how long it should take."""
+"""Time limit of loading, and of runs before the first run has ended: their time cannot be estimated."""
 
 
 class WorkerError(CosimError):
@@ -66,24 +66,24 @@ class WorkerKilled(WorkerError):
 
 
 class LoadError(CosimError):
-    """The FMUs of a system cannot be loaded, which no parameter changes."""
+    """The FMUs of a system cannot be loaded, whatever the parameters are."""
 
 
 class Limit:
-    """The limit for a run: the one that was given, or one that follows from the runs measured so far."""
+    """The time limit of a run: the given one, or one computed from the times of the runs so far."""
 
     def __init__(self, given: float | None = None) -> None:
         self.given = given
         self.longest = math.nan
 
     def learn(self, seconds: float) -> None:
-        """Take note of a run that has ended."""
+        """Take the time of a finished run in s into account."""
         if not seconds <= self.longest:
             self.longest = seconds
 
     @property
     def seconds(self) -> float:
-        """The limit now."""
+        """The present limit in s."""
         if self.given is not None:
             return self.given
         if math.isnan(self.longest):
@@ -113,20 +113,23 @@ class Loadable:
 
     @classmethod
     def of(cls, system: System) -> Loadable:
-        """What it takes to read ``system`` again."""
+        """The data from which a worker can read ``system`` again."""
         fmus = None if system.fmus is None else str(Path(system.fmus).resolve())
         return cls(system.document, system.name, str(Path(system.folder).resolve()), fmus, system.digest)
 
 
 KEPT = 4
-"""Systems that a process keeps loaded: those of the records of a fit alternate."""
+"""Number of systems that a process keeps loaded: a fit alternates between the systems of its records."""
 
 _loaded: dict[str, Simulation] = {}
-"""The simulations of this process, kept from run to run, the one used last at the end."""
+"""The simulations that this process keeps from run to run, in the order of their last use."""
 
 
 def simulation_of(loadable: Loadable) -> Simulation:
-    """The simulation of a system in this process; the one longest unused is freed for it. Raises LoadError."""
+    """The simulation of a system in this process; if too many are loaded, the one unused for longest is freed.
+
+    Raises LoadError if the FMUs cannot be loaded.
+    """
     found = _loaded.pop(loadable.digest, None)
     if found is not None:
         _loaded[loadable.digest] = found
@@ -159,17 +162,17 @@ atexit.register(unload)
 
 
 def load(loadable: Loadable) -> None:
-    """Load the FMUs of a system, so that no run waits for that."""
+    """Load the FMUs of a system, so that the time of the first run does not include loading."""
     simulation_of(loadable)
 
 
 def evaluate(loadable: Loadable, changes: Mapping[str, object], judge: Callable[[Result], T]) -> T:
-    """What ``judge`` says of a run of the system with other start values. Raises CosimError."""
+    """The value of ``judge`` for a run of the system with the start values ``changes``. Raises CosimError."""
     simulation = simulation_of(loadable)
     try:
         return judge(simulation.run(simulation.system.changed(changes)))
     except CosimError:
-        unload()  # An FMU that failed may not be what it was.
+        unload()  # An FMU that failed may be damaged.
         raise
 
 
@@ -184,12 +187,12 @@ def serve() -> None:
         os.dup2(nothing, number)
     if sys.platform == "linux":
         with contextlib.suppress(OSError):
-            # If memory runs out, a run is to be ended, not another process.
+            # If memory runs out, Linux shall end this worker, not another process.
             Path("/proc/self/oom_score_adj").write_text("1000")
     calls: queue.SimpleQueue[tuple[Callable[..., Any], tuple[Any, ...]]] = queue.SimpleQueue()
 
     def receive() -> None:
-        """Until the owner is gone; then the process ends with all that it has started, whatever an FMU does."""
+        """Receive calls until the owner is gone; then end the process and all its children, even if an FMU hangs."""
         with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):
             while True:
                 calls.put(pickle.load(asked))
@@ -215,7 +218,7 @@ def serve() -> None:
 
 
 def _surroundings() -> tuple[object, ...]:
-    """What an FMU may change for those that come after it: folder, decimal point, rounding, the smallest numbers."""
+    """Settings of the process that an FMU may change: folder, decimal point, rounding mode, subnormal numbers."""
     tiny, third = sys.float_info.min, 3.0
     try:
         folder = os.getcwd()
@@ -246,7 +249,7 @@ class Worker:
         self._ready = ""
         self._stopped = False
         self.seconds = 0.0
-        """How long the last call took, or had taken when it failed."""
+        """Time of the last call in s, up to its end or its failure."""
 
     def __enter__(self) -> Self:
         return self
@@ -257,13 +260,16 @@ class Worker:
     def evaluate(
         self, loadable: Loadable, changes: Mapping[str, object], judge: Callable[[Result], T], limit: Limit
     ) -> T:
-        """``evaluate`` there. Raises what it raises, WorkerError for a run that crashed or took too long, LoadError."""
+        """``evaluate`` in the worker's process.
+
+        Raises the errors of ``evaluate``, WorkerError for a run that crashes or takes too long, and LoadError.
+        """
         return self.run(loadable, evaluate, loadable, changes, judge, limit=limit)
 
     def run(self, loadable: Loadable, function: Callable[..., Any], *arguments: Any, limit: Limit) -> Any:
-        """``call`` once the system is loaded; again if the process is killed from outside: no run is to blame for that.
+        """``call`` after the system is loaded. If the process is killed from outside, the call is repeated.
 
-        Raises what ``call`` raises, and LoadError.
+        Raises the errors of ``call``, and LoadError.
         """
         for _ in range(KILLS - 1):
             with contextlib.suppress(WorkerKilled):
@@ -273,7 +279,7 @@ class Worker:
         return self.call(function, *arguments, limit=limit)
 
     def prepare(self, loadable: Loadable) -> None:
-        """Have the system loaded, within ``UNKNOWN_SECONDS``. Raises LoadError."""
+        """Load the system in the worker's process, within ``UNKNOWN_SECONDS``. Raises LoadError."""
         if self._ready == loadable.digest and self._process is not None and not self._process.ended():
             return
         try:
@@ -285,12 +291,15 @@ class Worker:
         self._ready = loadable.digest
 
     def call(self, function: Callable[..., Any], *arguments: Any, limit: Limit) -> Any:
-        """What ``function`` of a module returns there. Raises the CosimError that it raises, or WorkerError."""
+        """The value of ``function``, called in the worker's process; it must be a function of a module.
+
+        Raises the CosimError that the function raises, or WorkerError if the process crashes or takes too long.
+        """
         process = self._started()
         assert self._calls is not None
         begun = clock_time.perf_counter()
         with contextlib.suppress(OSError):
-            # If it is gone, the end of its answers says so.
+            # If the process is gone, the end of its answers shows it below.
             pickle.dump((function, arguments), self._calls)
             self._calls.flush()
         while True:
@@ -301,21 +310,21 @@ class Worker:
                 if answer is None:
                     raise self._end(process)
                 if not answer[-1]:
-                    # An FMU has changed what others would meet.
+                    # An FMU has changed settings of the process, which would affect later runs.
                     self.close()
                 return _opened(answer)
             if self.seconds > limit.seconds:
                 self.close()
                 raise WorkerError(f"the run did not end within {limit}.")
             if process.ended():
-                # Its last answer may be on the way.
+                # The last answer of the process may still arrive.
                 with contextlib.suppress(queue.Empty):
                     if (answer := self._answers.get(timeout=END_SECONDS)) is not None:
                         return _opened(answer)
                 raise self._end(process)
 
     def close(self) -> None:
-        """End the process, whatever it does."""
+        """End the process, even in the middle of a call."""
         process, self._process, self._ready = self._process, None, ""
         if process is not None:
             process.kill()
@@ -325,7 +334,7 @@ class Worker:
         self._folder.close()
 
     def stop(self) -> None:
-        """End the process for good; from any thread."""
+        """End the process; no call starts it again. Any thread may call this."""
         self._stopped = True
         self.close()
 
@@ -343,7 +352,7 @@ class Worker:
                 stdin=pipe,
                 stdout=pipe,
                 stderr=subprocess.DEVNULL,
-                # What the FMUs are unpacked into is removed with the worker.
+                # The folder into which FMUs are unpacked is removed with the worker.
                 env={**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)},
                 # Ctrl-C is for the owner alone.
                 process_group=0 if sys.platform != "win32" else None,
@@ -360,12 +369,12 @@ class Worker:
         reader.start()
         self._process = process = FmuProcess(popen.pid, answers, answers, popen)
         if self._stopped:
-            # Meanwhile, by another thread.
+            # Another thread has called ``stop`` meanwhile.
             self.close()
         return process
 
     def _end(self, process: FmuProcess) -> WorkerError:
-        """How the process ended that is not there any more."""
+        """The error that says how the process ended."""
         deadline = clock_time.perf_counter() + END_SECONDS
         while not process.ended() and clock_time.perf_counter() < deadline:
             clock_time.sleep(1e-3)
@@ -378,7 +387,7 @@ class Worker:
         if code < 0:
             return WorkerError(f"the process of the FMUs crashed: {signal_text(-code)}.")
         if code >= 0xC0000000:
-            # Windows ends processes that crash with the number of the exception.
+            # On Windows the exit code of a crashed process is the number of the exception.
             return WorkerError(f"the process of the FMUs crashed with exception 0x{code:08X}.")
         return WorkerError(f"an FMU ended its process with exit code {code}.")
 
@@ -427,7 +436,7 @@ class Workers:
         return found
 
     def stop(self) -> None:
-        """End all workers for good; calls that are on the way fail."""
+        """End all workers; calls in progress fail, and no call starts a worker again."""
         with self._lock:
             self._stopped = True
             for worker in self._all:

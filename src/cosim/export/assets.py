@@ -1,7 +1,8 @@
 """What an FMU carries beside its model: reference results, validation picture and icon, made beforehand.
 
-They lie in ``fmus/references/NAME`` of the component's package, written by ``build_fmus.py --references``; a component
-without that folder has none. Building copies them: the bytes of an FMU do not depend on a solver at hand.
+``build_fmus.py --references`` writes these files into ``fmus/references/NAME`` of the component's package. A component
+without that folder has none. A build only copies them, so the bytes of an FMU do not depend on the solver of the
+machine that builds it.
 """
 
 from __future__ import annotations
@@ -20,25 +21,25 @@ REFERENCES = "references"
 EXTRA = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = "fmi-ls-manifest.xml"
 GUIDE = "fmi-ls-ref.txt"
-"""How the references are meant, for every component."""
+"""Text file that explains the references; every component gets the same one."""
 PICTURE, ICON, MEASURED = "validation.png", "model.png", "validation.json"
 PLACES = {
     PICTURE: f"documentation/{PICTURE}",
     GUIDE: f"documentation/{GUIDE}",
     MEASURED: None,
 }
-"""Where files go that are no references; None: not into FMUs."""
+"""Place in the FMU of each file that is no reference; None for a file that FMUs do not hold."""
 ICONS: Mapping[Fmi, str] = {2: ICON, 3: "terminalsAndIcons/icon.png"}
 """Where FMI 2.0 and 3.0 look for the icon."""
 
 
 def folder(component: Path, name: str) -> Path:
-    """The folder of what the component ``name`` in this file, ``fmus/ROOM/name.py``, carries."""
+    """The folder of the assets of the component ``name``; ``component`` is its file, ``fmus/ROOM/name.py``."""
     return component.resolve().parent.parent / REFERENCES / name
 
 
 def asset_files(component: Path, name: str) -> list[Path]:
-    """Everything made for a component and the guide to it, in order; empty if there is nothing."""
+    """The files made for a component, sorted, then the guide to the references; empty if none were made."""
     place = folder(component, name)
     if not place.is_dir():
         return []
@@ -47,7 +48,7 @@ def asset_files(component: Path, name: str) -> list[Path]:
 
 
 def missing_assets(component: Path, name: str) -> list[str]:
-    """What a component lacks for a release: a component without it is a draft."""
+    """Names of the assets that a component lacks for a release; a component that lacks one is a draft."""
     held = {path.name for path in asset_files(component, name)}
     wanted = {"icon": ICON, "validation experiments with references": MANIFEST, "validation picture": PICTURE}
     return [text for text, file in wanted.items() if file not in held]
@@ -65,6 +66,6 @@ def assets(kind: type[Component], fmi: Fmi = 2) -> dict[str, bytes]:
 
 
 def measured(component: Path, name: str) -> Mapping[str, Any] | None:
-    """What the validation gave, None without one."""
+    """The results of the validation, as ``validation.json`` holds them; None for a component without validation."""
     path = folder(component, name) / MEASURED
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None

@@ -40,7 +40,7 @@ _SIGNATURES = {
 
 
 class Printer:
-    """Prints functions as C, equal ones once."""
+    """Prints functions as C; equal functions are printed once."""
 
     def __init__(self) -> None:
         self.known: dict[str, str] = {}
@@ -93,7 +93,7 @@ class Printer:
         return tuple(names[name] for name in FUNCTIONS)
 
     def with_rules(self, names: Sequence[str], symbols: Symbols, rules: Sequence[Any]) -> tuple[str, ...]:
-        """The functions of a variant with other rules."""
+        """The names of the functions of a variant (``names``), with its function of rules replaced."""
         targets = [f"out[{i}]" for i in range(len(rules))]
         own = self.function("rules", symbols.all, symbols.text, rules, targets)
         return tuple(own if kind == "rules" else name for kind, name in zip(FUNCTIONS, names, strict=True))
@@ -173,7 +173,7 @@ class _Line:
 def _statements(
     symbols: Sequence[Any], symbol_text: Sequence[str], rows: Sequence[Any], targets: Sequence[str]
 ) -> Iterator[str]:
-    """C statements that assign ``rows`` to ``targets``, unused intermediate values left out."""
+    """C statements that assign ``rows`` to ``targets``, without intermediate values that nothing uses."""
     if not rows:
         return
     function = casadi.Function("f", [casadi.vertcat(*symbols)], [casadi.cse(casadi.vertcat(*rows))])

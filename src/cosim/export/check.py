@@ -1,4 +1,4 @@
-"""What is wrong with the declaration of a component, found before anything is traced; every problem at once."""
+"""Checks of a component's declaration before its equations are traced; they find all problems at once."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from .interface import variables_of
 from .place import of_author, of_class, of_declaration, of_method
 
 MAX_LENGTH = 100_000
-"""Elements of an array; every one is a variable of its own in FMI 2.0."""
+"""Most elements of an array. In FMI 2.0 every element is a variable of its own, so a larger one makes a huge XML."""
 KINDS: dict[type[Component], tuple[tuple[str, ...], tuple[str, ...]]] = {
     Plant: (("State", "Input", "Output"), ("derivative", "output", "update")),
     Controller: (("State", "Input", "Output"), ("output", "update")),
     Source: (("Output",), ("output",)),
 }
-"""For each kind of component its records and its equations."""
+"""For each kind of component: the names of its records and of its equations."""
 IMPURE = {
     *("random", "secrets", "uuid", "time", "datetime", "os", "sys", "io", "pathlib", "socket", "threading", "warnings"),
     *("numpy.random", "_io.open", "builtins.print", "builtins.input", "builtins.eval", "builtins.exec"),
 }
-"""Modules and functions whose results are not a matter of arguments alone, or that act on the outside."""
+"""Modules and functions whose results do not depend on their arguments alone, or that have side effects."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*(\.[A-Za-z_][A-Za-z_0-9]*)*")
 
 
@@ -126,7 +126,7 @@ def _declarations(kind: type[Component], owner: type[Component] | type[Record]) 
 
 
 def _types(declaration: Declaration, owner: type[Any], kind: type[Component]) -> Iterator[str]:
-    """Problems that keep the numbers from being looked at."""
+    """Problems of types and annotations; units, bounds and start values are checked only if there are none."""
     start: Any = declaration.start
     values = cast("tuple[Any, ...]", start) if isinstance(start, tuple) else (start,)
     plain = int | float
@@ -160,7 +160,7 @@ def _real(start: Any) -> bool:
 
 
 def _annotation(declaration: Declaration, annotation: Any) -> Iterator[str]:
-    """An annotation that names another type than that of the start value, which decides the type in the FMU."""
+    """An annotation that contradicts the start value. The type of the start value decides the type in the FMU."""
     text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", "")
     found = type(declaration.start).__name__
     if text in ("float", "int", "bool", "tuple") and text != found:
@@ -197,12 +197,15 @@ def _numbers(declaration: Declaration) -> Iterator[str]:
 
 
 def _rules_at_start(kind: type[Component]) -> Iterator[str]:
-    """Rules that the start values break: no FMU with them would start. Wrong rules are left to the trace."""
+    """Rules that the start values break: an FMU with such start values would not start.
+
+    A rule that raises an error is skipped here; the trace reports it.
+    """
     try:
         kind()
     except DescriptionError as error:
         yield from (f"{of_method(kind, 'rules')}: with its start values, {problem}" for problem in error.problems)
-    except Exception:  # told, with its line, when the rules are traced
+    except Exception:  # the trace of the rules reports it, with its line
         return
 
 
@@ -210,7 +213,7 @@ def _rules_at_start(kind: type[Component]) -> Iterator[str]:
 
 
 def _names(kind: type[Component]) -> Iterator[str]:
-    """Names that are not FMI's, and names that two variables would have."""
+    """Names that FMI does not allow, and names that two variables would share."""
     at = {
         declaration.name: of_declaration(owner, declaration.attribute)
         for owner in (kind, kind.State, kind.Input, kind.Output)
@@ -243,7 +246,7 @@ def _purity(kind: type[Component]) -> Iterator[str]:
 
 
 def _used(function: FunctionType, seen: set[CodeType]) -> Iterator[str]:
-    """Names of ``IMPURE`` that a function uses, and the functions of the author that it calls."""
+    """Names of ``IMPURE`` that a function uses, directly or through functions of the author that it calls."""
     codes = [function.__code__]
     while codes:
         code = codes.pop()

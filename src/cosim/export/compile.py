@@ -37,6 +37,11 @@ FLAGS = (
     "-Wextra",
     "-Werror",
 )
+"""Compiler flags.
+
+``-ffp-contract=off`` forbids fused multiply-add, so that all platforms round alike. ``-g0`` and ``-s`` leave out debug
+data. ``-fno-sanitize=undefined`` switches off run-time checks that zig may add.
+"""
 TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "linux64": (("x86_64-linux-gnu.2.17",), ".so"),
     "win64": (("x86_64-windows-gnu",), ".dll"),
@@ -44,7 +49,7 @@ TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "aarch64-linux": (("aarch64-linux-gnu.2.17",), ".so"),
     "aarch64-darwin": (("aarch64-macos.11.0",), ".dylib"),
 }
-"""Platform folder of an FMU -> compiler targets (two make a universal binary) and file ending."""
+"""Platform folder of an FMU -> compiler targets and file ending. Two targets make a universal binary."""
 TUPLES: Mapping[str, tuple[str, ...]] = {
     "linux64": ("x86_64-linux",),
     "win64": ("x86_64-windows",),
@@ -52,15 +57,15 @@ TUPLES: Mapping[str, tuple[str, ...]] = {
     "aarch64-linux": ("aarch64-linux",),
     "aarch64-darwin": ("aarch64-darwin",),
 }
-"""The folders of FMI 3.0 for the platforms of ``TARGETS``; of two binaries for one folder the later is taken."""
+"""Platform of ``TARGETS`` -> its folders in FMI 3.0. If two platforms share a folder, the later binary is taken."""
 
 
 class BuildError(CosimError):
-    """The C compiler refused the generated sources; the text is its own."""
+    """The C compiler refused the generated sources; the message is that of the compiler."""
 
 
 def host_platform() -> str:
-    """The platform folder of this machine. Raises DescriptionError where none fits."""
+    """The platform folder of this machine. Raises DescriptionError if there is none for it."""
     machine = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}.get(
         platform.machine().lower()
     )
@@ -80,9 +85,9 @@ def host_platform() -> str:
 
 
 def compile_binary(sources: Mapping[str, bytes], name: str, cache: Path, compiled: Sequence[str] = SOURCES) -> bytes:
-    """The shared library of ``sources`` for platform ``name``, from the cache where nothing changed.
+    """The shared library of ``sources`` for platform ``name``; it comes from the cache if nothing has changed.
 
-    ``compiled`` names those of the sources that the compiler is given, the others are included by them.
+    ``compiled`` names the sources that the compiler is given; these include the other ones. Raises BuildError.
     """
     targets, ending = TARGETS[name]
     slices = [_compile(sources, compiled, target, ending, cache) for target in targets]
@@ -116,7 +121,7 @@ def _compile(sources: Mapping[str, bytes], compiled: Sequence[str], target: str,
 
 
 def _from_cache(kept: Path) -> bytes | None:
-    """A compiled binary, which lies behind its hash; None if it is not there, or damaged and to be compiled again."""
+    """A compiled binary, stored after its hash. None if it is missing or damaged: then it has to be compiled again."""
     try:
         stored = kept.read_bytes()
     except FileNotFoundError:

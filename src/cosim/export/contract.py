@@ -1,7 +1,7 @@
-"""What every FMU of this project keeps to, whatever its flavour: phases, legal calls, log categories, limits, messages.
+"""What native and Python FMUs have in common: phases, legal calls, log categories, limits, messages.
 
 The native runtime takes them from ``contract.h``, which ``header`` writes at build time; the Python flavour takes them
-from here. Needs the standard library only: this module travels inside Python FMUs.
+from here. This module needs the standard library only, as it travels inside Python FMUs.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Fmi = Literal[2, 3]
 """Major version of the interface."""
 
 OK, WARNING, DISCARD, ERROR = range(4)
-"""Status codes, those of FMI."""
+"""Status codes; the numbers are those of FMI."""
 
 CATEGORIES: Mapping[str, str] = {
     "logStatusWarning": "Messages with status {fmi}Warning",
@@ -22,7 +22,7 @@ CATEGORIES: Mapping[str, str] = {
     "logStatusError": "Messages with status {fmi}Error: a call was wrong; logged also when logging is off",
     "logAll": "All messages",
 }
-"""Log category -> its description; those of the statuses 1 to 3, then all."""
+"""Log category -> its description: first the categories of the statuses 1 to 3, then the one of all messages."""
 
 PHASES: Mapping[str, str] = {
     "INSTANTIATED": "instantiated",
@@ -34,7 +34,7 @@ PHASES: Mapping[str, str] = {
     "EVENT_MODE": "event mode",
     "CONTINUOUS_TIME": "continuous-time mode",
 }
-"""Phase of an instance -> its name in messages. A phase is one bit, the first is 1."""
+"""Phase of an instance -> its name in messages. Each phase is one bit; the first is 1."""
 
 (
     INSTANTIATED,
@@ -50,7 +50,7 @@ PHASES: Mapping[str, str] = {
 BEFORE = INSTANTIATED | INITIALIZATION
 EXCHANGE = EVENT_MODE | CONTINUOUS_TIME
 EVALUATED = INITIALIZATION | STEP_COMPLETE | STEP_FAILED | EXCHANGE
-"""Phases in which what is read is brought up to date."""
+"""Phases in which a call that reads values first computes them anew."""
 ANY = (1 << len(PHASES)) - 1
 
 LEGAL: Mapping[str, int] = {
@@ -86,7 +86,10 @@ LEGAL_3: Mapping[str, int] = {
 """Where FMI 3.0 differs."""
 
 LIMITS: Mapping[str, int] = {"ATTEMPTS": 1_000_000, "SAMPLES": 10_000_000}
-"""Most attempts of the integrator, and most samples of a controller, in one communication step: seconds of work."""
+"""Most attempts of the integrator, and most samples of a controller, in one communication step.
+
+Both limits stand for seconds of work: a step that needs more ends with an error instead of seeming to hang.
+"""
 
 MESSAGES: Mapping[str, str] = {
     # phases and arguments
@@ -165,7 +168,8 @@ REASONS: Mapping[str, str] = {
 }
 """Why an integration stopped, and what to do.
 
-Below about 1e-11 the tolerance meets the rounding of the equations; a large one lets a step go where they overflow.
+With a tolerance below about 1e-11 the rounding of the equations fails the error test. A large tolerance lets a step
+reach states at which the equations overflow.
 """
 
 _WORDS: Mapping[Fmi, Mapping[str, str]] = {

@@ -17,7 +17,7 @@ from .source_files import is_of_library
 from .trace import Trace
 
 GENERATION_DATE = "2026-01-01T00:00:00Z"
-"""Fixed, so that equal sources give equal bytes."""
+"""A fixed date, so that equal sources give equal bytes."""
 
 QUANTITIES = {
     "m": "Length",
@@ -53,7 +53,7 @@ def number(value: float) -> str:
 
 
 def description_root(kind: type[Component], version: str, **own: str) -> Element:
-    """The root of a modelDescription.xml; ``own`` are the attributes in which versions of FMI differ."""
+    """The root of a modelDescription.xml; ``own`` holds the attributes that differ between versions of FMI."""
     return Element(
         "fmiModelDescription",
         own,
@@ -152,7 +152,7 @@ def add_units(root: Element, variables: Sequence[InterfaceVariable]) -> None:
 
 
 def _clean(factor: float) -> float:
-    """1000.0000000000001, the quotient of two decimal factors, as 1000.0."""
+    """The factor without rounding errors: a quotient of two decimal factors, 1000.0000000000001, becomes 1000.0."""
     return float(f"{factor:.15g}")
 
 
@@ -252,7 +252,7 @@ def set_real_attributes(value: Element, variable: InterfaceVariable) -> None:
 
 @dataclass(frozen=True)
 class Dependencies:
-    """Value references of the unknowns of ModelStructure, each with those of what it depends on."""
+    """The unknowns of ModelStructure and the variables that each depends on, as value references."""
 
     outputs: Mapping[int, Sequence[int]]
     derivatives: Mapping[int, Sequence[int]]
@@ -260,7 +260,7 @@ class Dependencies:
 
 
 def dependencies(trace: Trace) -> Dependencies:
-    """What depends on what, from the trace; ascending."""
+    """The dependencies that the trace has found, in ascending order of value references."""
     variables = variables_of(trace.kind)
 
     def references(*roles: str) -> list[int]:

@@ -1,4 +1,4 @@
-"""modelDescription.xml of FMI 3.0. What it shares with FMI 2.0 is in ``fmi2_xml``."""
+"""modelDescription.xml of FMI 3.0. The elements that it shares with FMI 2.0 are in ``fmi2_xml``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .trace import Trace
 
 
 def model_description3(trace: Trace, token: str, version: str) -> bytes:
-    """modelDescription.xml of the FMI 3.0 FMU: parameter arrays are whole, a sampling instant is an event."""
+    """modelDescription.xml of the FMI 3.0 FMU: a parameter array is one variable, a sampling instant is an event."""
     kind, groups = trace.kind, fmi3_variables(trace.kind)
     variables = [group[0] for group in groups]
     root = description_root(kind, version, fmiVersion="3.0", instantiationToken=token)

@@ -1,6 +1,6 @@
-"""The scalar variables of an FMU in the order of their value references: what XML, C tables and Python instances share.
+"""The scalar variables of an FMU in the order of their value references. XML, C tables and Python instances use them.
 
-Needs the declaration only, no trace: this module travels inside Python FMUs.
+This module needs the declaration only, no trace, as it travels inside Python FMUs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ COUNTERS = (
 
 @dataclass(frozen=True)
 class Scalar:
-    """One scalar variable of the FMU: its declaration and, for arrays, which element."""
+    """One scalar variable of the FMU: its declaration and, for an array, the index of the element."""
 
     declaration: Declaration
     name: str
@@ -55,7 +55,7 @@ def choice_number(value: Any) -> float:
 
 
 def unchecked(kind: type[Component], values: Iterable[Any]) -> Any:
-    """The component with these scalar parameters, bounds and rules not checked: they may be symbols."""
+    """The component with these scalar parameters. Bounds and rules are not checked, as the values may be symbols."""
     component: Any = object.__new__(kind)
     for name, value in unflatten(kind, iter(values)).items():
         object.__setattr__(component, name, value)
@@ -64,7 +64,7 @@ def unchecked(kind: type[Component], values: Iterable[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Gap:
-    """An enumeration parameter with numbers between its members that no member has, and the rule that says so."""
+    """An enumeration parameter whose numbers are not consecutive, and the rule that refuses the missing numbers."""
 
     reference: int
     numbers: frozenset[int]
@@ -72,7 +72,7 @@ class Gap:
 
 
 def gap_rules(kind: type[Component]) -> tuple[Gap, ...]:
-    """The rules of enumerations with gaps: bounds alone do not keep a number without a member away."""
+    """The rules of enumerations with gaps. Bounds alone would let numbers without a member pass."""
     found: list[Gap] = []
     for reference, scalar in enumerate(scalars(kind)):
         if not isinstance(scalar.start, Choice):
@@ -103,9 +103,9 @@ class InterfaceVariable:
     choice: type[Choice] | None = None
     continuous: bool = True
     state: int | None = None
-    """Value reference of the state this one is the derivative of."""
+    """Value reference of the state whose derivative this variable is."""
     array: str | None = None
-    """Name of the array this one is an element of."""
+    """Name of the array that has this variable as an element."""
 
 
 def variables_of(kind: type[Component]) -> tuple[InterfaceVariable, ...]:
@@ -179,7 +179,7 @@ def variables_of(kind: type[Component]) -> tuple[InterfaceVariable, ...]:
 
 
 def fmi3_variables(kind: type[Component]) -> tuple[tuple[InterfaceVariable, ...], ...]:
-    """The variables of an FMI 3.0 FMU, each with its elements: parameter arrays are whole, and time comes last.
+    """The variables of an FMI 3.0 FMU, each with its elements. A parameter array is one variable; time comes last.
 
     A value reference is that of the first element.
     """
@@ -210,7 +210,7 @@ def derivative_unit(unit: str) -> str:
 
 
 def reference_of(kind: type[Component], variables: tuple[InterfaceVariable, ...], name: str) -> int:
-    """The value reference of a variable by name; the component is named if there is none."""
+    """The value reference of the variable ``name``. The error for a wrong name says which component lacks it."""
     for variable in variables:
         if variable.name == name:
             return variable.reference

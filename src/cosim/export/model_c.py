@@ -94,7 +94,7 @@ def model_c(trace: Trace, guid: str, fmi: Fmi = 2) -> str:
 
 
 def _plain(variables: Sequence[InterfaceVariable], roles: Sequence[str]) -> bool:
-    """Whether all variables of these roles are Real, inputs without bounds: the runtime then has a shorter way."""
+    """Whether all variables of these roles are Real and inputs have no bounds: the runtime then takes a faster path."""
     chosen = [v for v in variables if v.role in roles]
     return all(v.type == "Real" and (v.role != "input" or (v.min, v.max) == (-math.inf, math.inf)) for v in chosen)
 
@@ -159,6 +159,6 @@ def c_number(value: float) -> str:
 
 
 def c_text(text: str) -> str:
-    """A text as C string literal; a second question mark in a row is escaped, or C99 might see a trigraph."""
+    """A text as C string literal. Question marks in a row are escaped, since C99 may read ``??`` as a trigraph."""
     special = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\t": "\\t", "\r": "\\r", "?": "\\?" if "??" in text else "?"}
     return '"' + "".join(special.get(letter, letter) for letter in text) + '"'

@@ -29,7 +29,7 @@ jinja2: Any = import_module("jinja2")
 markup: Any = import_module("markupsafe")
 
 SIGNS = ("positive", "a positive", "sign:", "valid", "do not combine", "for a start at speed")
-"""How paragraphs of a docstring begin that say signs and limits of use."""
+"""First words of the docstring paragraphs that tell sign conventions and limits of use."""
 
 
 @cache
@@ -80,7 +80,10 @@ def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi =
 
 
 def _text(kind: type[Component]) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Equations, signs and limits, source: each with its paragraphs, (pre or p, text)."""
+    """The parts "equations", "signs and limits" and "source" of the docstring, each with its paragraphs.
+
+    A paragraph is a pair of its HTML element (``pre`` or ``p``) and its text.
+    """
     blocks = [b for b in re.split(r"\n\s*\n", inspect.getdoc(kind) or "") if b.strip()][1:]
     equations: list[tuple[str, str]] = []
     signs: list[tuple[str, str]] = []
@@ -98,7 +101,7 @@ def _text(kind: type[Component]) -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def _words(text: str) -> Any:
-    """Running text; what stands in two backticks as code. Quotes stay as they are."""
+    """Running text as HTML; text in double backticks becomes code. Quotes stay as they are."""
     escaped = html.escape(" ".join(text.split()), quote=False)
     return markup.Markup(re.sub(r"``(.+?)``", r"<code>\1</code>", escaped))
 
@@ -125,7 +128,7 @@ def _parameters(variables: Sequence[InterfaceVariable]) -> list[Sequence[Any]]:
 
 
 def _ports(title: str, variables: Sequence[InterfaceVariable]) -> dict[str, Any]:
-    """Heads and rows of a table of variables; units in which they are shown only where there is one."""
+    """Heads and rows of a table of variables; it has a column of display units only if a variable has one."""
     shown = any(v.display_unit for v in variables)
     heads = (title, "Unit", *(("Shown in",) if shown else ()), "Meaning")
     rows = [
@@ -151,7 +154,7 @@ def _outputs(trace: Trace, variables: Sequence[InterfaceVariable]) -> list[Seque
 
 
 def _arrays(variables: Iterable[InterfaceVariable]) -> list[list[InterfaceVariable]]:
-    """Variables one by one, the elements of an array together."""
+    """The variables in groups: the elements of an array together, every other variable alone."""
     return [list(group) for _, group in groupby(variables, lambda variable: variable.array or variable.name)]
 
 

@@ -1,4 +1,4 @@
-"""Where in whose file something stands: ``my.py, line 12``."""
+"""Places in source files for error messages, as in ``my.py, line 12``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NOT_OURS = tuple(
     str(Path(folder).resolve())
     for folder in (Path(__file__).parents[1], sysconfig.get_path("stdlib"), sysconfig.get_path("purelib"))
 )
-"""A line in these folders is no line of the component's author."""
+"""Folders of Python and of this package: no line in them was written by the component's author."""
 
 
 def place(file: str, line: int | None) -> str:
@@ -24,19 +24,19 @@ def place(file: str, line: int | None) -> str:
 
 
 def of_author(file: str) -> bool:
-    """Whether a file is of the component's author: neither of this package nor of Python nor installed."""
+    """Whether the component's author wrote a file: it is not of this package, not of Python, and not installed."""
     return not file.startswith("<") and not str(Path(file).resolve()).startswith(_NOT_OURS)
 
 
 def of_error(trail: TracebackType | None, within: str = "") -> str:
-    """The last line of the author on the way to an error, in the file ``within`` if it is on the way."""
+    """The last line of the author in a traceback; the last one in the file ``within`` if the traceback has one."""
     frames = [frame for frame in traceback.extract_tb(trail) if of_author(frame.filename)]
     frames = [frame for frame in frames if frame.filename == within] or frames
     return place(frames[-1].filename, frames[-1].lineno) if frames else ""
 
 
 def of_caller(frame: FrameType | None) -> str:
-    """The nearest line of the author that called."""
+    """The line of the author that is nearest in the call stack."""
     while frame is not None and not of_author(frame.f_code.co_filename):
         frame = frame.f_back
     return place(frame.f_code.co_filename, frame.f_lineno) if frame is not None else ""

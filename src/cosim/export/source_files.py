@@ -25,7 +25,7 @@ TAKEN = ("cosim", "pythonfmu")
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a module is: a folder to import from, and its name there with dots."""
+    """Where a module is: the folder that imports start from, and the dotted name of the module there."""
 
     root: Path
     module: str
@@ -38,7 +38,7 @@ class Origin:
 
 
 def origin(path: Path) -> Origin:
-    """The origin of a file: packages around it belong to the name of its module."""
+    """The origin of a file. The packages that contain it are part of its module's name."""
     path = path.resolve()
     root, names = path.parent, [re.sub(r"\W", "_", path.stem)]
     while (root / "__init__.py").is_file():
@@ -92,7 +92,7 @@ def load_component(path: Path, name: str | None = None) -> type[Component]:
 
 
 def _imported(path: Path) -> ModuleType:
-    """The module of a file, imported once; what goes wrong becomes a DescriptionError."""
+    """The module of a file, imported once. Any error of the import becomes a DescriptionError."""
     where = origin(path)
     if where.module.partition(".")[0] in TAKEN:
         raise DescriptionError(f"{path.name}: the name {where.module} is taken. Give the file another name.")
@@ -117,7 +117,7 @@ def _imported(path: Path) -> ModuleType:
 
 
 def _from_file(path: Path, name: str) -> ModuleType:
-    """The module of a file outside of packages; its name says where it is, so that it meets no other module."""
+    """The module of a file outside of packages. Its name is made from its path, so that no other module has it."""
     unique = f"{name}_{sha256(str(path).encode()).hexdigest()[:16]}"
     if unique not in sys.modules:
         spec = importlib.util.spec_from_file_location(unique, path)
@@ -136,7 +136,7 @@ def _from_file(path: Path, name: str) -> ModuleType:
 
 
 def needed_files(where: Origin, path: Path) -> dict[str, Path]:
-    """Module with dots -> file, for a component's module in ``path`` and all it imports of its own folder, in order."""
+    """Dotted module name -> file, sorted: the component's module in ``path`` and all it imports from its own folder."""
     found: dict[str, Path] = {}
     pending: list[tuple[str, Path]] = [(where.module, path)]
     while pending:
@@ -154,7 +154,7 @@ def needed_files(where: Origin, path: Path) -> dict[str, Path]:
 
 
 def imported_modules(path: Path, module: str) -> Iterator[str]:
-    """Full names of what a file imports; of ``from a import b`` both ``a`` and ``a.b``, which may be a module."""
+    """Full names of the modules that a file imports; ``from a import b`` gives ``a`` and ``a.b``: b may be a module."""
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), path.name)):
         if isinstance(node, ast.Import):
@@ -168,7 +168,7 @@ def imported_modules(path: Path, module: str) -> Iterator[str]:
 def relative_imports(path: Path, module: str, local: Mapping[str, Any]) -> str:
     """The text of a file with its imports of ``cosim`` and of ``local`` modules made relative.
 
-    Then the package around it may have any name. Raises DescriptionError for an import that has no relative form.
+    The package that holds the file may then have any name. Raises DescriptionError for an import without relative form.
     """
     text = path.read_text(encoding="utf-8")
     tops = {"cosim", *(name.partition(".")[0] for name in local)}

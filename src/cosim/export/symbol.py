@@ -1,4 +1,4 @@
-"""What equations see while they are traced: scalars of CasADi that look like numbers without a value."""
+"""Symbols that the equations get while they are traced: CasADi scalars that act like numbers but have no value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ casadi: Any = importlib.import_module("casadi")
 
 
 class Symbol:
-    """A CasADi scalar that can be computed with but has no value: what equations see while they are traced."""
+    """A CasADi scalar for tracing: equations can compute with it, but it has no value and no truth."""
 
     __slots__ = ("expression",)
     __hash__ = None  # type: ignore[assignment]
@@ -201,7 +201,7 @@ class Symbol:
 
 
 def _away_from_zero(one: Any, other: Any) -> tuple[Any, Any]:
-    """Whether both are 0, and ``other`` with 1 in that place, where derivatives by the formula would be 0/0."""
+    """The condition that both are 0, and ``other`` with 1 there: the formulas of the derivatives would give 0/0."""
     zero = casadi.logic_and(one == 0, other == 0)
     return zero, casadi.if_else(zero, 1.0, other)
 

@@ -1,7 +1,7 @@
 """terminalsAndIcons.xml: which variables of an FMU belong together, so that a tool wires them with one connection.
 
-The file is that of FMI 3.0, which FMI 2.0 takes over since 2.0.4. Two terminals of one name fit each other: members of
-one name are connected (rule ``bus``).
+FMI 3.0 defines the file; FMI 2.0 takes it over since 2.0.4. Two terminals of the same name fit each other: their
+members of the same name are connected (rule ``bus``).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ TEXTS = {
     "drive": "Command to the drive",
     "compensation": "What other controllers add to the command",
 }
-"""The terminals there are, in the order of a file."""
+"""Name of a terminal -> its description, in the order of the file."""
 
 _INPUTS: Mapping[type[Component], Mapping[str, tuple[str, str]]] = {
     Controller: {
@@ -46,7 +46,7 @@ _OUTPUTS: Mapping[type[Component], Mapping[str, tuple[str, str]]] = {
     Plant: {name: ("motion", name) for name in ("position", "velocity", "motor_position")},
     Source: {name: ("reference", name) for name in ("position", "velocity", "acceleration", "position_next")},
 }
-"""For inputs and outputs of each kind of component: terminal and member a variable of that name is."""
+"""By kind of component, for inputs and for outputs: name of a variable -> its terminal and its member name there."""
 
 
 @dataclass

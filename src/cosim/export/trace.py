@@ -1,8 +1,8 @@
-"""From the equations of a component to C functions: run the methods on CasADi symbols, print what they did.
+"""From the equations of a component to C functions: run the methods on CasADi symbols, print the expressions they give.
 
-Every combination of ``bool`` and ``Choice`` parameters is traced on its own, so these cost nothing at run time;
-equal functions are printed once. Subexpressions of parameters only are moved to a function of their own that runs
-when parameters change.
+Every combination of ``bool`` and ``Choice`` parameters is traced on its own, so these parameters cost nothing at run
+time. Equal functions are printed once. Subexpressions that depend on parameters only have a function of their own,
+which runs when parameters change.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from .symbol import Symbol, casadi
 from .variant import NoteText, Symbols, Variant, depends
 
 MAX_VARIANTS = 256
+"""Most combinations of bool and Choice parameters: each is traced and printed, so more would make slow builds."""
 MAX_ROWS = 4096
-"""Rows of the table of variants: nine pointers each."""
+"""Most rows of the table of variants. A row holds nine pointers, so the largest table has about 0.3 MB."""
 
 
 @dataclass(frozen=True)
 class Trace:
     """What the exporter knows of a component: its scalar variables, C functions and dependencies.
 
-    ``states`` has the continuous ones first. ``choices`` are index, smallest number and count of numbers of each bool
-    or Choice parameter. ``functions`` is C text; ``variants`` lists, for every combination of these numbers in mixed
-    radix order, the names of its functions. Dependencies are sets of indices.
+    ``states`` has the continuous states first. ``choices`` holds index, smallest number and count of numbers of each
+    bool or Choice parameter. ``functions`` is C text. ``variants`` has the names of the functions for each combination
+    of these numbers, the last parameter counting fastest. Dependencies are sets of indices.
     """
 
     kind: type[Component]
@@ -143,8 +144,8 @@ def _table(
 ) -> tuple[tuple[tuple[int, int, int], ...], tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """Choices, texts of rules, and the functions of each row of the table that the core looks variants up in.
 
-    The table has a row for every whole number from the smallest to the largest of each Choice. A number without a
-    member breaks a rule, and otherwise computes what the start value of its parameter does.
+    The table has a row for every whole number from the smallest to the largest of each Choice. A row of a number
+    without a member has a broken rule; its other functions are those of the parameter's start value.
     """
     spans = {i: range(int(choice_number(m[0])), int(choice_number(m[-1])) + 1) for i, m in discrete.items()}
     size = math.prod(map(len, spans.values()))
@@ -162,7 +163,7 @@ def _table(
         conditions = dict(zip(_numbered(variant.rule_texts), variant.rules, strict=True))
         rows = [conditions.get(text, casadi.SX(1.0)) for text in texts] + [casadi.SX(1.0) for _ in gaps]
         values = dict(zip(variant.note_texts, zip(variant.notes[::2], variant.notes[1::2], strict=True), strict=True))
-        # A note that this variant does not have is a value of 0 below a limit of 0.
+        # A note that this variant lacks gets value 0 and limit 0, so that it is never told.
         pairs = [row for note in notes for row in values.get(note, (casadi.SX(0.0), casadi.SX(0.0)))]
         names[numbers] = printer.variant(variant, symbols, rows, pairs)
     listed: list[tuple[str, ...]] = []
@@ -181,5 +182,5 @@ def _table(
 
 
 def _numbered(texts: Sequence[str]) -> list[tuple[str, int]]:
-    """Each text with how often it has come before: two rules may say the same."""
+    """Each text with the number of equal texts before it, as two rules may have the same text."""
     return [(text, texts[:i].count(text)) for i, text in enumerate(texts)]

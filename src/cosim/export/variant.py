@@ -33,7 +33,7 @@ ALLOWED = f"Equations use arithmetic, comparisons and these functions of cosim.m
 class Symbols:
     """The symbols t, x, u, p of one component, and the C text of each.
 
-    ``known`` are the continuous states and inputs, ``direction`` has a symbol for the change of each.
+    ``known`` holds the continuous states and inputs; ``direction`` holds a symbol for the change of each of them.
     """
 
     def __init__(self, x: Sequence[Scalar], n_continuous: int, u: Sequence[Scalar], p: Sequence[Scalar]) -> None:
@@ -57,7 +57,7 @@ def depends(expr: Any, letter: str) -> frozenset[int]:
 class Variant:
     """The expressions of one combination of discrete choices.
 
-    Raises TraceError where a method cannot be traced, or gives another result when it is called again.
+    Raises TraceError if a method cannot be traced, or if a second call of it gives another result.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Variant:
         self.directional = _dense(casadi.jtimes(unknown, known, direction)) if symbols.known else []
 
     def _evaluated(self, arguments: Sequence[Any], states: Sequence[Scalar]) -> _Rows:
-        """What each method gives, states in the order of FMUs."""
+        """The results of each method; states are in the order of the FMU."""
         kind, symbols = self.kind, self.symbols
         component = unchecked(kind, arguments)
         order = {scalar.name: i for i, scalar in enumerate(states)}
@@ -139,7 +139,7 @@ class Variant:
         return _Rows(tuple(text for text, _ in rules), texts, known)
 
     def _text(self, rows: Sequence[Any]) -> str:
-        """The expressions as text; equal for equal ones."""
+        """The expressions as text, which is the same for equal expressions."""
         return casadi.Function("f", [casadi.vertcat(*self.symbols.all)], [casadi.vertcat(*rows)]).serialize()
 
     def at_start(self, rows: Sequence[Any]) -> Sequence[Any]:
@@ -174,7 +174,7 @@ class Variant:
         return found
 
     def _notes(self, notes: Any) -> tuple[Note, ...]:
-        """Notes whose texts can be told."""
+        """The notes of the component. Raises TraceError for anything but notes, or for a note with an empty text."""
         if not isinstance(notes, tuple) or not all(isinstance(note, Note) for note in cast("tuple[Any, ...]", notes)):
             raise self._refuse("notes", f"returns {notes!r}. Return a tuple of Note(name, value, ...).")
         for note in cast("tuple[Note, ...]", notes):
@@ -216,7 +216,7 @@ class Variant:
 
 
 class NoteText(NamedTuple):
-    """What stays the same of a note."""
+    """The part of a note that is known before the run: its names, unit and text."""
 
     name: str
     limit_name: str
@@ -232,7 +232,7 @@ class _Rows:
 
 
 class _Made:
-    """Which members a record was given, and on which line."""
+    """The members that a new record was given, and the line that made it."""
 
     def __init__(self, given: frozenset[str], at: str) -> None:
         self.given, self.at = given, at
@@ -240,7 +240,7 @@ class _Made:
 
 @contextmanager
 def _watched(*records: type[Record]) -> Generator[None]:
-    """Note at each new record of these classes which members it is given and where: others take their start value."""
+    """Note for each new record of these classes which members it is given, and where; the others keep start values."""
     plain = {record: cast(Any, record).__init__ for record in dict.fromkeys(records)}
 
     def watching(make: Callable[..., None]) -> Callable[..., None]:
@@ -261,7 +261,7 @@ def _watched(*records: type[Record]) -> Generator[None]:
 
 
 def _hint(error: Exception) -> str:
-    """What to do, where the error itself does not say it."""
+    """A remedy for errors whose own text gives none."""
     if isinstance(error, FrozenInstanceError):
         return " Nothing is changed in place: give new values to self.State(...)."
     if isinstance(error, AttributeError) and isinstance(error.obj, Record | Component):

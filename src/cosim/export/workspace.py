@@ -1,4 +1,4 @@
-"""Where components are found, and which of their FMUs are no longer what would be built now."""
+"""The places of components, and which of their FMUs are out of date."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from .python.python_package import PROXY
 from .source_files import load_component, needed_files, origin
 
 Flavour = Literal["native", "python", "fmi3"]
-"""FMI 2.0 native and with PythonFMU, FMI 3.0 native; also the names of the folders of each."""
+"""Kind of FMU: FMI 2.0 native, FMI 2.0 by PythonFMU, FMI 3.0 native. Each is also the name of its folder."""
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where components are found and what is kept of builds.
+    """The places of components and of the build cache.
 
-    ``root`` holds the library ``fmus/``, ``cache`` what can be made again; ``files`` are components of other files.
+    ``root`` is the folder with the library ``fmus/``. ``cache`` holds files that can be made again. ``files`` are
+    components of the user: name -> file.
     """
 
     root: Path
@@ -48,7 +49,7 @@ class Workspace:
         )
 
     def component(self, name: str) -> type[Component]:
-        """Import a component by name. Raises DescriptionError, file and line in it."""
+        """Import a component by name. Raises DescriptionError that names file and line."""
         return load_component(self.components()[name], name)
 
     def select(self, names: Sequence[str]) -> list[str]:
@@ -59,7 +60,7 @@ class Workspace:
         return found
 
     def choose(self, references: Sequence[str]) -> tuple[Workspace, list[str]]:
-        """The workspace that knows components of files, too, and the names of those that are meant.
+        """A workspace that also has the components of the files named, and the names of all components selected.
 
         A reference is the name of a component, FILE.py or FILE.py:NAME. Raises DescriptionError with all problems.
         """
@@ -91,7 +92,7 @@ class Workspace:
         return replace(self, files=tuple(files.items())), list(names)
 
     def sources(self, name: str, flavour: Flavour = "native") -> str:
-        """A hash of the files of this project that the FMU is made from; it needs no tool that builds FMUs."""
+        """A hash of the project's files that the FMU is made from. It needs none of the tools that build FMUs."""
         package, path = Path(__file__).parents[1], self.components()[name]
         files = [
             *needed_files(origin(path), path).values(),
@@ -108,7 +109,7 @@ class Workspace:
         return digest.hexdigest()
 
     def key(self, name: str, platforms: Iterable[str], flavour: Flavour = "native") -> str:
-        """A hash of everything the FMU is made from: while it stands, the FMU need not be rebuilt."""
+        """A hash of everything the FMU is made from; as long as it is the same, the FMU need not be rebuilt."""
         digest = hashlib.sha256(self.sources(name, flavour).encode())
         for package_name in ("casadi", "ziglang", "motion-cosim", *(("pythonfmu",) if flavour == "python" else ())):
             digest.update(importlib.metadata.version(package_name).encode() + b"\0")
@@ -118,13 +119,13 @@ class Workspace:
     def stale(
         self, names: Iterable[str], output: Path, platforms: Sequence[str], flavour: Flavour = "native"
     ) -> list[str]:
-        """Those of the components whose FMU in ``output`` is missing or not what would be built now."""
+        """The names of the components whose FMU in ``output`` is missing or out of date."""
         return [name for name in names if not self.is_current(name, platforms, output / f"{name}.fmu", flavour)]
 
     def build(
         self, names: Sequence[str], output: Path, platforms: Sequence[str], flavour: Flavour = "native"
     ) -> Iterator[tuple[str, float, CosimError | None]]:
-        """Build FMUs in parallel; yields name, seconds and what went wrong as each is done."""
+        """Build FMUs in parallel. As each one ends, yields its name, its build time in s and its error, or None."""
         with ProcessPoolExecutor() as pool:
             running = {pool.submit(_timed_build, self, name, output, tuple(platforms), flavour): name for name in names}
             for future in as_completed(running):
@@ -134,11 +135,11 @@ class Workspace:
                     yield running[future], 0.0, error
 
     def is_current(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> bool:
-        """Whether ``target`` is the FMU that would be built now."""
+        """Whether the FMU ``target`` is up to date."""
         return self._known(target, key=self.key(name, platforms, flavour))
 
     def has_these_sources(self, name: str, target: Path, flavour: Flavour = "native") -> bool:
-        """Whether ``target`` was built from these files, whatever built it and for which platforms."""
+        """Whether ``target`` was built from the present source files, with any tools and for any platforms."""
         return self._known(target, sources=self.sources(name, flavour))
 
     def remember(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> None:
@@ -149,7 +150,7 @@ class Workspace:
         stamp.write_text(json.dumps({**entry, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}))
 
     def _known(self, target: Path, **wanted: str) -> bool:
-        """Whether ``target`` is as it was when its stamp was written, and the stamp says what is wanted."""
+        """Whether ``target`` is unchanged since its stamp was written, and the stamp has the values ``wanted``."""
         stamp = self._stamp(target)
         if not (target.is_file() and stamp.is_file()):
             return False

@@ -1,1 +1,1 @@
-"""Reference results inside FMUs: made, stored, replayed, drawn."""
+"""Reference results inside FMUs: computing, storing, replaying and drawing them."""

@@ -1,10 +1,10 @@
-"""What a component must show in an experiment, from its Python methods alone: no FMI, no C, no integrator of ours.
+"""Reference outputs of a component in an experiment, from its Python methods alone: no FMI, no C, no own integrator.
 
-Plants are integrated by scipy's Radau at a relative tolerance of 1e-10 and started anew whenever inputs change, or,
-where their rates jump, by a solution of their own that the experiment names; controllers and sources are evaluated as
-they are. Row k stands for the time t[k] = k*step_size: its inputs are held from t[k] to t[k+1], its outputs are those
-right after the step that ends at t[k], before the next inputs are set (row 0: after initialization with the inputs of
-row 0). For a controller that is the output applied over that step.
+Plants are integrated by scipy's Radau at a relative tolerance of 1e-10; integration starts anew whenever inputs
+change. For plants with jumps in their rates the experiment names another solution. Controllers and sources are
+evaluated as they are. Row k stands for the time t[k] = k*step_size. Its inputs are held from t[k] to t[k+1]. Its
+outputs are those right after the step that ends at t[k], before the next inputs are set; for a controller this is
+the output applied over that step. The outputs of row 0 are those after initialization with the inputs of row 0.
 """
 
 # scipy leaves the types of its solvers open:
@@ -26,10 +26,11 @@ from ..model import Component, Controller, Plant, Source, unflatten
 from .fmi_ls_ref import Tolerance
 
 RELATIVE_TOLERANCE = 1e-10
+"""Relative tolerance of Radau, far below the tolerance of every comparison."""
 
 
 STIMULI_DIGITS = 7
-"""Significant digits of a stimulus: what is written into the file is exactly what was used."""
+"""Significant digits of a stimulus. Stimuli are rounded before use, so that the file holds exactly the values used."""
 
 
 PLANT_TOLERANCE = 1e-9
@@ -37,8 +38,9 @@ PLANT_TOLERANCE = 1e-9
 
 
 SHARES = {Plant: 1e-6, Controller: 1e-9, Source: 1e-9}
-"""Relative tolerances of comparison. Plants: what the solvers of both flavours make of 1e-9 over 100 restarts, with
-a factor of 10 to spare. Others: differences of last bits (``exp`` and ``sin`` of another platform), divided by T_s."""
+"""Relative tolerances of comparison. Plants: the error of the native and the Python integrator at a tolerance of 1e-9
+over 100 restarts, with a factor of 10 to spare. Others: differences in the last bits of ``exp`` and ``sin`` on other
+platforms, which a division by T_s makes larger."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,24 +53,24 @@ class Validation:
     """A power of two, so that k*step_size is exact and all importers sample at the same times."""
     steps: int
     shown: tuple[str, ...]
-    """Outputs in the picture."""
+    """Outputs that the picture shows."""
     parameters: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    """Values by attribute, others as declared."""
+    """Parameter values by attribute; all others have their start values."""
     stimuli: Mapping[str, Callable[[float], float]] = field(default_factory=dict[str, Callable[[float], float]])
-    """Inputs as functions of time, others 0."""
+    """Inputs as functions of time in s; all others are 0."""
     solution: Callable[[Any, float, list[Any]], list[tuple[float, ...]]] | None = None
-    """Outputs of every row from component, step size and inputs, in place of integration."""
+    """A function that replaces integration: (component, step size in s, inputs) -> outputs of every row."""
 
     def component(self, kind: type[Component]) -> Component:
         """``kind`` with the parameters of this experiment."""
         return kind(**dict(self.parameters))
 
     def time(self, row: int) -> float:
-        """Time of a row."""
+        """Time of a row in s."""
         return row * self.step_size
 
     def inputs(self, kind: type[Component]) -> list[tuple[float, ...]]:
-        """The inputs of every row."""
+        """The inputs of every row, in SI units and in the order of the component's ``Input``."""
         names = scalar_names(kind.Input)
         unknown = set(self.stimuli) - set(names)
         if unknown:
@@ -83,7 +85,7 @@ class Validation:
 
 
 def tolerance(kind: type[Component]) -> Tolerance:
-    """How far an output of a component may be from its reference."""
+    """The largest difference allowed between an output of a component and its reference."""
     return Tolerance(0.0, next(share for base, share in SHARES.items() if issubclass(kind, base)))
 
 
@@ -115,14 +117,14 @@ def _source(source: Source, validation: Validation, inputs: list[Any]) -> Iterat
 
 
 def _controller(controller: Controller, validation: Validation, inputs: list[Any]) -> Iterator[Any]:
-    """Samples at multiples of T_s; a step covers several of them, or some steps cover none."""
+    """Outputs of a controller, sampled at multiples of T_s. A step covers several samples, one, or none."""
     ratio = validation.step_size / controller.T_s
     x = controller.initial()
     y = controller.output(0.0, x, inputs[0])
     yield y
     sampled = 0
     for row, u in enumerate(inputs[:-1]):
-        # samples at k*T_s before the end of this step
+        # number of samples, at k*T_s, before the end of this step
         until = -floor(-(row + 1) * ratio)
         for k in range(sampled, until):
             y = controller.output(k * controller.T_s, x, u)
@@ -141,7 +143,7 @@ def _plant(plant: Plant, validation: Validation, inputs: list[Any]) -> Iterator[
 
 
 def _integrated(plant: Plant, x: Any, u: Any, start: float, end: float) -> Any:
-    """The state at ``end``; ``update`` follows each step of Radau, of which a communication step has 16 at least."""
+    """The state at ``end``. ``update`` is called after each step of Radau, at least 16 times a communication step."""
     state: Any = type(x)
     lines = [scalar.declaration for scalar in scalars(state)]
     free = [i for i, line in enumerate(lines) if not line.discrete]

@@ -1,14 +1,14 @@
 """Reference results inside FMUs: the files of the layered standard fmi-ls-ref, written and read.
 
 A manifest lists files that belong to an FMU, by role. One of them may be an experiments file (``.exp``, draft
-ma-hs-experiments): experiments with parameters (SSV), stimuli and references (CSV). How far a replay may be from the
-references is not in these standards; an annotation of type ``motion-cosim`` says it for each signal:
+ma-hs-experiments): experiments with parameters (SSV), stimuli and references (CSV). These standards have no tolerance
+for the difference between a replay and its references. An annotation of type ``motion-cosim`` gives it by signal:
 
     abs(difference) <= absolute + relative*max(abs(reference))        the largest value of the signal in the experiment
 
 The annotation also says that the stimuli are held: the inputs of a row apply from its time to that of the next.
-Both forms of the draft are read, times as attributes of an experiment or of its element TransientSimulation; the
-second is written. Files from elsewhere are not trusted: nothing outside the FMU's folder is read.
+The draft has two forms: times are attributes of an experiment, or of its element TransientSimulation. Both are read,
+the second is written. Files of other makers are not trusted: no file outside the FMU's folder is read.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ CSV_TYPE, SSV_TYPE, EXPERIMENTS_TYPE = "text/csv", "application/x-ssp-parameter-
 
 
 EXPERIMENTS_TYPES = (EXPERIMENTS_TYPE, "application/x-ma-ls-experiments")
-"""The second is that of an earlier draft."""
+"""MIME types of an experiments file; the second one is of an earlier draft."""
 
 
 _lxml: Any = importlib.import_module("lxml.etree")
@@ -64,12 +64,12 @@ _lxml: Any = importlib.import_module("lxml.etree")
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a signal may be from its reference."""
+    """The largest difference allowed between a signal and its reference."""
 
     absolute: float
     """In the unit of the signal."""
     relative: float
-    """Of the largest value of the reference."""
+    """As a share of the largest magnitude of the reference."""
 
     def limit(self, largest: float) -> float:
         """The largest difference allowed where the reference reaches ``largest``."""
@@ -89,7 +89,7 @@ class Related:
 
 @dataclass(frozen=True)
 class ReferenceExperiment:
-    """An experiment of an experiments file; ``None`` where the file does not say."""
+    """An experiment of an experiments file; ``None`` stands for a value that the file does not give."""
 
     name: str
     description: str = ""
@@ -103,20 +103,20 @@ class ReferenceExperiment:
     stimuli: str | None = None
     references: str | None = None
     held: bool = False
-    """Whether inputs keep the value of a row until the next; else the importer interpolates."""
+    """Whether inputs keep the value of a row until the next row; otherwise the importer interpolates."""
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict[str, Tolerance])
 
 
 @dataclass(frozen=True)
 class Table:
-    """A CSV file: column names without that of the time, times, and the cells as text."""
+    """A CSV file: names of the columns other than time, times in s, and the cells as text."""
 
     names: tuple[str, ...]
     times: tuple[float, ...]
     rows: tuple[tuple[str, ...], ...]
 
     def column(self, name: str) -> list[str]:
-        """The cells of a column."""
+        """The cells of the column ``name``, as text."""
         place = self.names.index(name)
         return [row[place] for row in self.rows]
 
@@ -137,7 +137,7 @@ def write_manifest(files: Iterable[Related]) -> bytes:
 
 def write_experiments(name: str, description: str, experiments: Iterable[ReferenceExperiment]) -> bytes:
     """An experiments file; every experiment must have its times."""
-    register_namespace("cosim", NAMESPACE)  # SSP files have another one under this prefix
+    register_namespace("cosim", NAMESPACE)  # SSP files use this prefix for another namespace
     root = Element("Experiments", name=name, description=description)
     for experiment in experiments:
         element = SubElement(root, "Experiment", name=experiment.name, description=experiment.description)
@@ -210,7 +210,7 @@ def read_manifest_file(path: Path) -> list[Related]:
 
 
 def read_experiments(path: Path) -> list[ReferenceExperiment]:
-    """The experiments of a file. Raises DescriptionError with every problem of it."""
+    """The experiments of a file. Raises DescriptionError with all its problems."""
     root = _parse(path, "Experiments")
     problems: list[str] = []
     experiments: list[ReferenceExperiment] = []
@@ -274,7 +274,10 @@ _OTHER_ANALYSES = (
 
 
 def _comparison(element: Any, said: str, problems: list[str]) -> tuple[bool, dict[str, Tolerance]]:
-    """What the annotation of an experiment says; interpolated stimuli and no tolerances without one."""
+    """Whether stimuli are held, and the tolerances by signal, from the annotation of an experiment.
+
+    Without an annotation stimuli are interpolated and there are no tolerances.
+    """
     tolerances: dict[str, Tolerance] = {}
     held = False
     for annotation in element.findall("Annotations/Annotation"):
@@ -346,9 +349,9 @@ def read_csv(path: Path) -> Table:
 
 
 def locate(source: str, beside: Path, folder: Path) -> Path:
-    """The file that URI ``source``, in a file of the folder ``beside``, names in the FMU unpacked into ``folder``.
+    """The file that the URI ``source`` means, relative to ``beside``, in the FMU unpacked into ``folder``.
 
-    Raises DescriptionError if it is absolute, leaves the FMU, or is missing.
+    Raises DescriptionError if the URI is absolute or leaves the FMU, or if the file is missing.
     """
     parts = urlsplit(source)
     if parts.scheme or parts.netloc or parts.path.startswith("/"):

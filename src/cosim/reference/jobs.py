@@ -41,21 +41,21 @@ _lxml: Any = importlib.import_module("lxml.etree")
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """An experiment with everything read."""
+    """An experiment with the contents of all its files."""
 
     experiment: ReferenceExperiment
     references: Table
     arguments: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    """For ``simulate_fmu``."""
+    """Arguments of FMPy's ``simulate_fmu``."""
     variables: Mapping[str, tuple[Any, int | None]] = field(default_factory=dict[str, tuple[Any, int | None]])
-    """Column -> variable, and the element of it."""
+    """Column -> its variable, and the index of the element for a column of an array, else None."""
     notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
-    """Wrong, but what is right can be compared."""
+    """Problems that do not prevent a comparison of the other columns."""
 
 
 def unpack_fmu(path: Path, folder: Path) -> None:
-    """Unpack an FMU into ``folder``. Raises DescriptionError if it is none."""
+    """Unpack an FMU into ``folder``. Raises DescriptionError if the file is no FMU."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpack(archive, folder)
@@ -68,7 +68,7 @@ def unpack_fmu(path: Path, folder: Path) -> None:
 
 
 def read_model(folder: Path) -> Any:
-    """The description of the unpacked FMU, as FMPy reads it. Raises DescriptionError."""
+    """The description of the unpacked FMU, as FMPy reads it. Raises DescriptionError if FMPy cannot read it."""
     from fmpy.model_description import read_model_description
 
     try:
@@ -83,7 +83,7 @@ def read_model(folder: Path) -> Any:
 
 
 def missing_files(related: Sequence[Related], folder: Path) -> list[str]:
-    """Files that the manifest lists and the FMU has not."""
+    """Files that the manifest lists but the FMU does not have."""
     problems: list[str] = []
     for file in related:
         try:
@@ -96,7 +96,10 @@ def missing_files(related: Sequence[Related], folder: Path) -> list[str]:
 def listed_experiments(
     related: Sequence[Related], folder: Path, model: Any
 ) -> tuple[list[tuple[ReferenceExperiment, Path]], list[str]]:
-    """Experiments with the folder their URIs start from: those of the experiment files, else one a result file."""
+    """Experiments, each with the folder of its relative URIs, and problems of the files.
+
+    They come from the experiments files; without such files, each result file makes a default experiment.
+    """
     found: list[tuple[ReferenceExperiment, Path]] = []
     problems: list[str] = []
     beside = folder / lsref.FOLDER
@@ -105,7 +108,7 @@ def listed_experiments(
         try:
             path = lsref.locate(file.source, beside, folder)
         except DescriptionError:
-            continue  # told with the manifest
+            continue  # reported with the problems of the manifest
         if file.type not in lsref.EXPERIMENTS_TYPES and path.suffix != ".exp":
             problems.append(f"'{file.source}': type '{file.type}' is not read. Use {lsref.EXPERIMENTS_TYPE}.")
             continue
@@ -144,7 +147,10 @@ def _default_experiment(file: Related, related: Sequence[Related], beside: Path,
 
 
 def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model: Any, interface: Interface) -> Job:
-    """Everything ``simulate_fmu`` needs. Raises DescriptionError with all problems of the experiment's files."""
+    """An experiment with everything that ``simulate_fmu`` needs.
+
+    Raises DescriptionError with all problems of the experiment's files.
+    """
     variables = {variable.name: variable for variable in model.modelVariables}
     if experiment.references is None:
         raise DescriptionError("has no references to compare with.")
@@ -189,7 +195,7 @@ def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model:
         if name not in references.names
     ]
     if unknown:
-        # A file may serve FMUs of several versions of FMI, which have other variables.
+        # One file may serve FMUs of several versions of FMI, whose variables differ.
         remark = f"the FMU has no variable {', '.join(unknown)}"
         if located:
             notes.append(f"{remark}: not compared.")
@@ -212,7 +218,7 @@ def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model:
 
 
 def _timed(experiment: ReferenceExperiment, references: Table, name: str) -> tuple[ReferenceExperiment, list[str]]:
-    """The experiment with its times complete, and what is wrong with the times of its references."""
+    """The experiment with all its times, and the problems with the times of its references."""
     times = references.times
     start = 0.0 if experiment.start_time is None else experiment.start_time
     stop = times[-1] if experiment.stop_time is None else experiment.stop_time
@@ -232,7 +238,7 @@ def _timed(experiment: ReferenceExperiment, references: Table, name: str) -> tup
 
 
 def _find(name: str, variables: Mapping[str, Any]) -> tuple[Any, int | None]:
-    """The variable of a column; of a column ``name[i]`` the array ``name`` (FMI 3.0) and the place in it."""
+    """The variable of a column; for a column ``name[i]`` the array ``name`` (FMI 3.0) and the index in it."""
     if name in variables:
         return variables[name], None
     match = ELEMENT.fullmatch(name)
@@ -242,7 +248,10 @@ def _find(name: str, variables: Mapping[str, Any]) -> tuple[Any, int | None]:
 
 
 def values_of(file: str, name: str, table: Table, variable: Any, element: int | None) -> Array:
-    """The numbers of a column, a row or more cells each. Raises DescriptionError for what is none."""
+    """The numbers of a column, of one element or of all of the variable.
+
+    Raises DescriptionError for a cell that does not hold as many numbers as it should.
+    """
     size = 1 if element is not None or not variable.shape else int(np.prod(variable.shape))
     values = np.empty((len(table.rows), size))
     problems: list[str] = []
@@ -274,7 +283,7 @@ _INTEGERS = {
 
 
 def _stimuli(path: Path, variables: Mapping[str, Any], held: bool) -> Any:
-    """The structured array that FMPy takes; held inputs as a staircase, each time with the values before and after."""
+    """The structured array that FMPy takes. Held inputs are steps: each time has two rows, with old and new values."""
     table = lsref.read_csv(path)
     problems: list[str] = []
     columns: list[tuple[Any, list[Any]]] = [(("time", "float64"), list(table.times))]

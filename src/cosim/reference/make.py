@@ -27,15 +27,15 @@ from .picture import draw
 from .replay import Report, verify
 
 DIGITS = 11
-"""Significant digits of a reference: what they cut off is a small part of any tolerance."""
+"""Significant digits of a reference; the rounding error is small beside every tolerance."""
 
 
 def write(
     workspace: Workspace, name: str, experiments: Sequence[Validation], icon: Callable[[Path], None] | None = None
 ) -> Report:
-    """Write everything for a component; the report of the native FMU that carries it. ``icon`` draws the icon.
+    """Write all assets of a component; returns the replay report of the native FMU with them. ``icon`` draws the icon.
 
-    Raises DescriptionError if the FMU does not run or leaves a tolerance: then no picture is written.
+    Raises DescriptionError if the FMU does not run or exceeds a tolerance; then no picture is written.
     """
     kind, source = workspace.component(name), workspace.components()[name]
     target = folder(source, name)
@@ -47,7 +47,7 @@ def write(
             path.unlink()
         for file, content in written.items():
             (target / file).write_bytes(content)
-        (target / PICTURE).write_bytes(b"")  # listed in the manifest, drawn from the run below
+        (target / PICTURE).write_bytes(b"")  # the manifest lists it; it is drawn from the run below
         report = verify(build(kind, scratch / "validated", workspace.cache))
     if report.code:
         raise DescriptionError([*report.problems, *_complaints(report)])
@@ -117,7 +117,7 @@ _TIMING_OF_SOURCES = "The outputs of a row are those right after the step that e
 
 
 def _start(kind: type[Component], validation: Validation) -> dict[str, Value]:
-    """Parameters of the experiment by their names in FMUs."""
+    """Parameter values of the experiment: name in the FMU -> value."""
     lines = {declaration.attribute: declaration for declaration in declarations(kind)}
     start: dict[str, Value] = {}
     for attribute, value in validation.parameters.items():
@@ -138,13 +138,13 @@ def _csv(validation: Validation, names: Sequence[str], rows: Sequence[Sequence[f
 
 
 def _text(value: float, digits: int) -> str:
-    """A number in as few of ``digits`` significant digits as say the same."""
+    """A number rounded to ``digits`` significant digits, without zeros at the end."""
     text = repr(float(f"{value:.{digits}g}") + 0.0)
     return text.removesuffix(".0")
 
 
 def _picture(report: Report, target: Path, shown: Mapping[str, Sequence[str]]) -> None:
-    """The picture, with few colours: a quarter of the bytes."""
+    """Draw the picture with few colours, which makes the file four times smaller."""
     draw(report, target, shown)
     with Image.open(target) as picture:
         reduced = picture.convert("RGB").quantize(32, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
@@ -152,7 +152,7 @@ def _picture(report: Report, target: Path, shown: Mapping[str, Sequence[str]]) -
 
 
 def _measured(report: Report, descriptions: Mapping[str, str]) -> dict[str, Any]:
-    """What the documentation page says of the validation."""
+    """The facts on the validation that the documentation page shows."""
     return {
         "experiments": [
             {

@@ -1,7 +1,7 @@
-"""Pictures of replayed references: reference as a line, what the FMU gave as dots, the difference below.
+"""Pictures of replayed references: the reference as a line, the output of the FMU as dots, the difference below.
 
-Below the signals drawn stands, for each signal of the experiment, the difference as a share of its tolerance, the
-signal that uses most of it in colour: below the line at 1 the FMU is as near as it should.
+The lowest panel shows the difference of every signal of the experiment as a share of its tolerance. The signal with
+the largest share is in colour. Below the line at 1 the FMU is within tolerance.
 """
 
 # matplotlib leaves the types of its keyword arguments open:
@@ -29,19 +29,19 @@ COLUMNS = 4
 
 
 SHOWN = 3
-"""Signals drawn of an experiment for which none are chosen."""
+"""Number of signals drawn if none are chosen for an experiment."""
 
 
 SMALLEST = 1e-7
-"""Share of the tolerance that is drawn for a difference of 0."""
+"""Share of the tolerance that is drawn for a difference of 0, since the axis is logarithmic."""
 
 
 WIDTHS = (6.0, 8.5, 10.5, 12.0)
-"""Inches for 1 to 4 experiments side by side."""
+"""Width of the picture in inches for 1 to 4 experiments side by side."""
 
 
 MARKED = 70
-"""Dots drawn of a signal with more rows than that: every second, third ..."""
+"""Most dots drawn of a signal; with more rows, only every second, third ... row gets a dot."""
 
 
 def draw(report: Report, target: Path, shown: Mapping[str, Sequence[str]] | None = None) -> None:

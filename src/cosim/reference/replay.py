@@ -1,11 +1,11 @@
-"""Reference results inside FMUs replayed: does this FMU behave here as its maker says?
+"""Replay of the reference results inside FMUs: does this FMU behave on this machine as its maker says?
 
-``verify`` runs every experiment that an FMU brings along (``fmi_ls_ref``), with FMPy's ``simulate_fmu``, FMI 2.0 and
-3.0, co-simulation or model exchange, ours or foreign. FMPy sets the inputs at the start of a communication step and
-reads the outputs right after it, before the next inputs; that is what the references of this library stand for.
+``verify`` runs every experiment that an FMU holds (``fmi_ls_ref``) with FMPy's ``simulate_fmu``. The FMU may be of FMI
+2.0 or 3.0, for co-simulation or model exchange, and of any maker. FMPy sets the inputs at the start of a communication
+step and reads the outputs right after it, before the next inputs; the references of this library are made the same way.
 An FMU that only lists result files is run through its default experiment.
 
-Each FMU runs in a process of its own: one that crashes or hangs is an outcome like another.
+Each FMU runs in a process of its own, so that an FMU that crashes or hangs is only reported.
 """
 
 # FMPy and numpy's structured arrays leave types open:
@@ -43,14 +43,18 @@ from .jobs import (
 )
 
 DEFAULT_TOLERANCE = 1e-3
-"""Of the largest value of a reference for which the FMU states no tolerance: what tools call the same trace."""
+"""Tolerance of a reference for which the FMU states none, as a share of its largest magnitude.
+
+Tools commonly call two traces with this difference the same.
+"""
 
 
 DEFAULT_TIMEOUT = 60.0
+"""Longest time of a run in s."""
 
 
 LAST_WORDS = 400
-"""Characters of what a failed FMU printed last that are shown."""
+"""Number of characters shown of the last output of a failed FMU."""
 
 
 _lxml: Any = importlib.import_module("lxml.etree")
@@ -58,7 +62,7 @@ _lxml: Any = importlib.import_module("lxml.etree")
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """A variable of an experiment: its reference and what the FMU gave, in its unit."""
+    """A variable of an experiment: its reference and the values of the FMU, both in the unit of the variable."""
 
     name: str
     unit: str
@@ -72,18 +76,18 @@ class Signal:
 
     @property
     def differences(self) -> Array:
-        """Replay less reference; of an array the element furthest off."""
+        """Replay minus reference at each time; for an array the element with the largest difference."""
         off = self.replay - self.reference
         return off if off.ndim == 1 else _widest(off)
 
     @property
     def largest(self) -> float:
-        """The largest difference, infinite where the FMU gave no number."""
+        """The largest magnitude of the difference; infinite if the FMU gave NaN."""
         return float(np.max(np.nan_to_num(np.abs(self.differences), nan=math.inf)))
 
     @property
     def at(self) -> float:
-        """Time of the largest difference."""
+        """Time of the largest difference in s."""
         return float(self.times[int(np.argmax(np.nan_to_num(np.abs(self.differences), nan=math.inf)))])
 
     @property
@@ -93,19 +97,19 @@ class Signal:
 
     @property
     def within(self) -> bool:
-        """Whether the FMU is as near as it should."""
+        """Whether the largest difference is within the limit."""
         return self.largest <= self.limit
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What an experiment gave."""
+    """The result of an experiment."""
 
     experiment: ReferenceExperiment
     rows: int
     signals: tuple[Signal, ...] = ()
     failure: str = ""
-    """Why there are no signals."""
+    """Why there are no signals; empty if the experiment ran."""
     notes: tuple[str, ...] = ()
 
     @property
@@ -115,13 +119,13 @@ class Replay:
 
     @property
     def worst(self) -> Signal | None:
-        """The signal that uses most of its tolerance."""
+        """The signal with the largest share of its tolerance; None without signals."""
         return max(self.signals, key=lambda signal: (signal.share, signal.largest), default=None)
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What was found about an FMU."""
+    """The results of all experiments of an FMU."""
 
     path: Path
     name: str
@@ -129,7 +133,7 @@ class Report:
     interface: str = ""
     outcomes: tuple[Replay, ...] = ()
     problems: tuple[str, ...] = ()
-    """What is wrong with the file or its references."""
+    """Problems of the FMU file or of its references."""
 
     @property
     def code(self) -> int:
@@ -144,10 +148,10 @@ def verify(
     tolerance: float = DEFAULT_TOLERANCE,
     timeout: float = DEFAULT_TIMEOUT,
 ) -> Report:
-    """Replay every experiment of the FMU at ``path``; what is wrong with the FMU is in the report, never raised.
+    """Replay every experiment of the FMU at ``path``. Problems of the FMU are in the report, they are never raised.
 
     ``interface`` is ``"cs"`` or ``"me"``, by default co-simulation where the FMU has it. ``tolerance`` is relative to
-    the largest value of a reference and holds where the FMU states none. ``timeout`` in s ends a run that hangs.
+    the largest magnitude of a reference; it is used if the FMU states none. ``timeout`` in s ends a run that hangs.
     The FMU runs in a new Python process: a script that calls this needs ``if __name__ == "__main__":``.
     """
     path = Path(path)
@@ -166,7 +170,7 @@ def verify_all(
     tolerance: float = DEFAULT_TOLERANCE,
     timeout: float = DEFAULT_TIMEOUT,
 ) -> Iterable[Report]:
-    """``verify`` for many FMUs, on all cores, in their order."""
+    """``verify`` for many FMUs, on all cores; the reports come in the order of ``paths``."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         work = partial(verify, interface=interface, tolerance=tolerance, timeout=timeout)
         yield from pool.map(work, paths)
@@ -207,7 +211,7 @@ def _verify(path: Path, folder: Path, interface: Interface | None, tolerance: fl
 
 
 def _run(jobs: Sequence[Job], folder: Path, tolerance: float, timeout: float) -> list[Replay]:
-    """Run the jobs in a process, in another one after it ended or hung."""
+    """Run the jobs in a child process. After a crash or a hang a new process runs the remaining jobs."""
     outcomes: list[Replay] = []
     context = multiprocessing.get_context("spawn")
     while len(outcomes) < len(jobs):
@@ -233,13 +237,13 @@ def _run(jobs: Sequence[Job], folder: Path, tolerance: float, timeout: float) ->
 
 
 def _last_words(printed: Path) -> str:
-    """The end of what was printed, without FMPy's remarks on inputs that keep their start values."""
+    """The end of the printed output, without FMPy's warnings on inputs that keep their start values."""
     lines = printed.read_text(errors="replace").splitlines() if printed.exists() else []
     return " ".join(" ".join(line for line in lines if "Warning: missing input" not in line).split())[-LAST_WORDS:]
 
 
 def _answer(pipe: Any, process: Any, timeout: float) -> tuple[str, dict[str, Any] | None, bool]:
-    """What the process says about the next job: a failure or columns, and whether it has ended."""
+    """The answer of the process to the next job: a failure or columns, and whether the process has ended."""
     try:
         if pipe.poll(timeout):
             return (*pipe.recv(), False)
@@ -254,7 +258,7 @@ def _answer(pipe: Any, process: Any, timeout: float) -> tuple[str, dict[str, Any
 
 
 def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str) -> None:
-    """Run the jobs one by one; what the FMU or FMPy prints goes to a file."""
+    """Run the jobs one by one. The output of the FMU and of FMPy goes to the file ``printed``."""
     from fmpy.model_description import read_model_description
 
     simulate: Any = importlib.import_module("fmpy.simulation").simulate_fmu
@@ -281,8 +285,9 @@ def _failed(job: Job, failure: str) -> Replay:
 def _compared(job: Job, columns: Mapping[str, Any], tolerance: float) -> Replay:
     """The signals at the times of the references.
 
-    At an event FMPy gives several rows of one time. With held stimuli the first counts, before new inputs are set,
-    else the last, after the event; of references of one time the first and the last meet those.
+    At an event FMPy gives several rows of the same time. With held stimuli the first row counts, which is before the
+    new inputs; otherwise the last row, which is after the event. If the references have several rows of a time, their
+    first and last rows are compared with the first and last rows of FMPy.
     """
     step = job.experiment.step_size or 1.0
     times = np.array(job.references.times)

@@ -1,4 +1,4 @@
-"""Studies: the runs behind a paper, what it claims, what was measured, and a verdict computed from both.
+"""Studies: runs that test the claims of a paper, and a verdict on each claim computed from the measured values.
 
 A study is a folder ``studies/NAME`` with system files, a file of claims and a ``study.py`` that holds ``STUDY``, a
 ``Study``: its runs (name -> system file and changed values), its claims (``read_study``) and its pictures.

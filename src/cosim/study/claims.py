@@ -1,8 +1,9 @@
 """Claims as data: the file ``claims.toml`` of a study, which is read and checked before the first run.
 
-A table of claims says whether a paper, another simulation or nobody published its figures. A claim says where its
-values come from: ``values`` gives by label a sum or product of ``run:figure`` terms, ``measure`` names a function of
-the study. Figures of runs are in SI units; the claim's unit says how they are scaled. A threshold gives its reason.
+The ``kind`` of a table of claims says whether its figures come from a paper, from another simulation, or from nobody.
+The values of a claim are given in one of two ways: ``values`` has for each label a sum or product of ``run:figure``
+terms, ``measure`` names a function of the study. Figures of runs are in SI units; the claim's unit says how they are
+scaled. Each threshold is given with its reason.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ FACTORS: Mapping[str, float] = {
 }
 """Unit of a claim -> factor on values in SI units; 1 for every other unit."""
 RELATIVE = 1e-6
-"""Relative change of a parameter in a perturbed copy: far below what anybody knows of a machine, far above rounding."""
+"""Relative change of a parameter in a perturbed copy of a run.
+
+It is far below the uncertainty of any machine parameter and far above rounding errors.
+"""
 
 Text = Annotated[str, Field(min_length=1)]
 Factor = Annotated[float, Field(gt=0.0)]
@@ -47,20 +51,20 @@ class _Data(BaseModel):
 
 
 class RuleData(_Data):
-    """One or several conditions, all of which must hold, and the reason of their thresholds."""
+    """Conditions that must all hold, and the reason of their thresholds."""
 
     near: float | None = None
     """Largest relative distance from the published value."""
     near_abs: float | None = None
     """Largest distance from the published value, in the unit of the claim."""
     share_of_effect: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-    """Largest distance from the published value over the effect, the published value less ``without``."""
+    """Largest distance from the published value, as a share of the effect: the published value minus ``without``."""
     at_most: float | None = None
     at_least: float | None = None
     between: tuple[float, float] | None = None
     falling: bool = False
     published: Literal["at least", "at most", "same order"] | None = None
-    """How the measured values stand to the published ones."""
+    """Required relation of the measured values to the published ones."""
     rule: str = ""
     """Name of a rule of the study."""
     why: str = ""
@@ -73,7 +77,7 @@ class RuleData(_Data):
 
 
 class ReadingData(_Data):
-    """Another setting of a claim; it is shown and not counted."""
+    """A claim measured in another setting; the report shows the result but does not count it."""
 
     setting: Text
     values: dict[str, str] = {}
@@ -88,15 +92,15 @@ class ClaimData(_Data):
     published: str | float | dict[str, float]
     unit: str | dict[str, str] = "1"
     factor: float | None = None
-    """Factor on values in SI units, if the unit does not say it."""
+    """Factor on values in SI units, for a unit that ``FACTORS`` does not have."""
     magnitude: bool = False
-    """Whether the sign of the values is left out."""
+    """Whether magnitudes are compared instead of values with signs."""
     values: dict[str, str] = {}
     measure: str = ""
     setting: str = ""
     note: str = ""
     without: float | dict[str, float] | None = None
-    """The published values without the effect that is tested; labels without a known effect are left out."""
+    """The values to expect without the effect that is tested, by label; labels without a known effect are left out."""
     verdicts: dict[Status, RuleData] = {}
     readings: list[ReadingData] = []
 
@@ -108,21 +112,21 @@ class TableData(_Data):
     kind: Kind
     text: str = ""
     setting: str = ""
-    """Setting of the claims that give none."""
+    """Setting of the claims that do not give their own."""
     why: str = ""
-    """Reason of the thresholds that give none."""
+    """Reason of the thresholds that do not give their own."""
     claims: list[ClaimData]
 
 
 class SpreadData(_Data):
-    """Which runs are repeated with values changed a little: once for each parameter, once with another tolerance."""
+    """Runs that are repeated with slightly changed values: once for each parameter, once with another tolerance."""
 
     runs: list[str]
-    """Names of runs; ``*`` and ``?`` stand for any characters and any character."""
+    """Names of runs; ``*`` stands for any characters, ``?`` for one."""
     parameters: Annotated[list[str], Field(min_length=1)]
     relative: Factor = RELATIVE
     tolerance: dict[str, Factor] = {}
-    """Parameter -> factor: the copy with another tolerance of the integrator."""
+    """Tolerance parameter of the integrator -> factor on its value, for the copy with another tolerance."""
 
 
 class ClaimsData(_Data):
@@ -285,7 +289,7 @@ class _Builder:
         return replace(combined, why=why)
 
     def check_effect(self, claim: ClaimData, tolerance: Callable[[float], float], without: Numbers) -> None:
-        """A tolerance as large as the effect would hold without the effect."""
+        """Report a tolerance as large as the effect: such a rule would hold without the effect, too."""
         published: Numbers = {} if isinstance(claim.published, str) else labelled(claim.published)
         for label in without.keys() - published.keys():
             self.problem(claim.id, f"without: there is no published value '{label}'.")

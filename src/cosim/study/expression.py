@@ -3,8 +3,8 @@
     smc_5sin:error_max / csmc_5sin:error_max
     plant.position - trajectory.position
 
-Operators ``+ - * /`` stand between spaces, products bind closer than sums. A term is a number or a name, which may
-itself hold any character but a space.
+Operators ``+ - * /`` stand between spaces; ``*`` and ``/`` come before ``+`` and ``-``. A term is a number or a name.
+A name may hold any character but a space.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Figures of runs that several studies need, in SI units: functions for ``Run.measure``.
 
-Each function returns a measure: it takes the full record of a run and the run's window. The names of the signals are
-those of the plain loop of the library, ``trajectory.position`` and ``plant.position``, if none are given.
+Each function returns a measure, a function of the full record of a run and of the run's window in s. Signals that are
+not given have the names of the library's plain loop, ``trajectory.position`` and ``plant.position``.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ REFERENCE, POSITION = "trajectory.position", "plant.position"
 
 
 def error(result: Result, position: str = POSITION, reference: str = REFERENCE) -> Array:
-    """Position minus reference."""
+    """Position minus reference, shape (rows,), in the unit of the signals."""
     return result[position] - result[reference]
 
 
 def step_response(*, bands: Mapping[str, float] | None = None, shares: Mapping[str, float] | None = None) -> RunMeasure:
-    """Overshoot [m], overshoot over the step, rise time [s] from 10 to 90 %, and settling times [s].
+    """Overshoot [m], overshoot as a share of the step, rise time from 10 to 90 % [s], and settling times [s].
 
     ``bands``: name of a settling time -> half width in m; ``shares``: the same as a share of the step.
     """
@@ -47,9 +47,11 @@ def step_response(*, bands: Mapping[str, float] | None = None, shares: Mapping[s
 
 
 def reversals() -> RunMeasure:
-    """The largest peak [m], delay and decay [s] of the error after reversals, its median between them, and the slip.
+    """Largest values over all reversals of the error's peak [m], base [m], delay [s] and decay [s]; and the slip.
 
-    ``slip`` is the table's top speed over that of the reference: 1 for a table that follows.
+    ``base`` is the median of the error between reversals.
+
+    ``slip`` is the top speed of the table divided by that of the reference: 1 for a table that follows.
     """
 
     def measure(result: Result, window: Window) -> dict[str, float]:
@@ -68,7 +70,7 @@ def reversals() -> RunMeasure:
 
 
 def amplitude_error(frequency: float) -> RunMeasure:
-    """The error of the amplitude at ``frequency`` Hz, m."""
+    """The error of the amplitude in m of a motion of ``frequency`` in Hz."""
 
     def measure(result: Result, window: Window) -> dict[str, float]:
         part = metrics.window(result.time, *window)
@@ -81,13 +83,13 @@ def amplitude_error(frequency: float) -> RunMeasure:
 
 
 def second_turn(result: Result, radius: float) -> metrics.CircularTest:
-    """The circular test of the second turn of the axes ``plant_x`` and ``plant_y``."""
+    """The circular test over the second turn of the axes ``plant_x`` and ``plant_y``; ``radius`` in m."""
     names = ("plant_x.position", "plant_y.position", "trajectory_x.position", "trajectory_y.position")
     return metrics.circular_test(*(result[name] for name in names), radius=radius)
 
 
 def circle(radius: float) -> RunMeasure:
-    """The figures of ``second_turn``: G, F_max, F_min, mean_deviation, spike_0 ... spike_270, all in m."""
+    """The figures of ``second_turn`` in m: G, F_max, F_min, mean_deviation, spike_0 ... spike_270; ``radius`` in m."""
 
     def measure(result: Result, window: Window) -> dict[str, float]:
         test = second_turn(result, radius)
@@ -103,12 +105,12 @@ def circle(radius: float) -> RunMeasure:
 
 
 def sample(index: int, signals: Mapping[str, str]) -> RunMeasure:
-    """The values of signals at one recorded sample: name of the figure -> signal."""
+    """The values of signals at the recorded sample ``index``; ``signals`` maps the name of a figure to its signal."""
     return lambda result, window: {name: float(result[signal][index]) for name, signal in signals.items()}
 
 
 def together(*parts: RunMeasure) -> RunMeasure:
-    """The figures of several measures."""
+    """A measure that gives the figures of several measures together."""
 
     def measure(result: Result, window: Window) -> dict[str, float]:
         found: dict[str, float] = {}

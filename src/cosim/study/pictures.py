@@ -28,9 +28,9 @@ class Signals:
     origin: float = 0.0
     """Time in s that is drawn as 0."""
     colours: tuple[int, ...] | None = None
-    """Places of the lines in ``plots.COLOURS``; their own places if not given."""
+    """Index of each line's colour in ``plots.COLOURS``; by default the index of the line."""
     over: float = 1.0
-    """What the values are divided by."""
+    """Divisor of the values."""
 
 
 def over_time(

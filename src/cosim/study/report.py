@@ -81,7 +81,7 @@ def counts(verdicts: Iterable[Verdict], kind: Kind) -> dict[Status, int]:
 
 
 def slug(text: str) -> str:
-    """A text as an identifier in HTML: letters and digits stay, the rest becomes hyphens or codes."""
+    """A text as an identifier in HTML: letters and digits stay, other characters become hyphens or codes."""
     kept = (
         char if char.isalnum() and char.isascii() else "-" if char in " .,()" else f"{ord(char):x}" for char in text
     )
@@ -93,7 +93,7 @@ def _cell(text: str) -> str:
 
 
 def _cells(claim: Claim, verdict: Verdict) -> list[dict[str, str]]:
-    """One entry a value: label, published, measured, spread and unit."""
+    """One entry for each value, with label, published value, measured value, spread and unit."""
     published = claim.published_numbers()
     labels = list(dict.fromkeys([*published, *verdict.measured])) or [""]
     cells: list[dict[str, str]] = []
@@ -113,7 +113,7 @@ def _cells(claim: Claim, verdict: Verdict) -> list[dict[str, str]]:
 
 
 def _spread(low: float, high: float) -> str:
-    """Both ends, or one figure if they do not differ in it."""
+    """Both ends of a range as text; one number if both have the same four figures."""
     ends = dict.fromkeys((number(low), number(high)))
     return " … ".join(ends)
 
@@ -207,7 +207,7 @@ def _boxes(verdicts: Sequence[Verdict]) -> list[dict[str, Any]]:
 
 
 def changed_values(outcome: Outcome) -> str:
-    """The changed start values of a run; an array stands as "table of" so many."""
+    """The changed start values of a run as text; an array is shown by its length only, as "table of" so many."""
     arrays: dict[str, int] = {}
     parts: list[str] = []
     for name, value in outcome.run.overrides.items():
@@ -271,7 +271,7 @@ def _chapters(study: Study, outcomes: Outcomes, markdown: MarkdownIt) -> list[di
 
 
 def _plain(numbers: Numbers) -> dict[str, float | None]:
-    """Numbers as JSON knows them: what is not finite is null."""
+    """Numbers as JSON allows them: infinity and NaN become null."""
     return {name: float(value) if math.isfinite(value) else None for name, value in numbers.items()}
 
 

@@ -1,4 +1,4 @@
-"""Rules that earn a verdict: conditions on measured values, given the published ones."""
+"""Rules for verdicts: conditions on measured values, given the published ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Criterion:
     """A condition on measured values, given the published ones."""
 
     text: str
-    """For the report; ``{unit}`` stands for a space and the unit of the claim."""
+    """Text of the rule in the report; ``{unit}`` stands for a space and the unit of the claim."""
     holds: Callable[[Numbers, Numbers], bool]
     why: str = ""
     """The reason of its threshold."""
@@ -27,7 +27,10 @@ class Criterion:
 
 
 def near(*, rel: float = 0.0, abs: float = 0.0) -> Criterion:
-    """Every measured value within ``rel`` of the published one of the same label or within ``abs`` in the unit."""
+    """Every measured value is near the published one of the same label: within the share ``rel`` or within ``abs``.
+
+    ``abs`` is in the unit of the claim. The rule raises DescriptionError if the labels differ.
+    """
 
     def tolerance(published: float) -> float:
         return max(rel * math.fabs(published), abs)
@@ -45,9 +48,10 @@ def near(*, rel: float = 0.0, abs: float = 0.0) -> Criterion:
 
 
 def within_effect(share: float, without: Numbers) -> Criterion:
-    """Every measured value nearer to the published one than ``share`` of its distance from that without the effect.
+    """Every measured value differs from the published one by at most ``share`` of the effect.
 
-    Labels that ``without`` does not have are not judged.
+    The effect is the published value minus the value without the effect, by label in ``without``. Labels that
+    ``without`` does not have are not judged.
     """
 
     def holds(measured: Numbers, published: Numbers) -> bool:
@@ -64,27 +68,27 @@ def _every(text: str, condition: Callable[[float], bool]) -> Criterion:
 
 
 def between(low: float, high: float) -> Criterion:
-    """Every measured value in ``low`` ... ``high``."""
+    """Every measured value is in ``low`` ... ``high``, in the unit of the claim."""
     return _every(f"{low:g} to {high:g}{{unit}}", lambda value: low <= value <= high)
 
 
 def at_most(limit: float) -> Criterion:
-    """Every measured value at most ``limit``."""
+    """Every measured value is at most ``limit``, in the unit of the claim."""
     return _every(f"at most {limit:g}{{unit}}", lambda value: value <= limit)
 
 
 def at_least(limit: float) -> Criterion:
-    """Every measured value at least ``limit``."""
+    """Every measured value is at least ``limit``, in the unit of the claim."""
     return _every(f"at least {limit:g}{{unit}}", lambda value: value >= limit)
 
 
 def at_least_published() -> Criterion:
-    """Every measured value at least the published one of the same label."""
+    """Every measured value is at least the published one of the same label."""
     return Criterion("each at least as published", lambda m, p: all(m[name] >= p[name] for name in p))
 
 
 def at_most_published() -> Criterion:
-    """Every measured value at most the published one of the same label."""
+    """Every measured value is at most the published one of the same label."""
     return Criterion("each at most as published", lambda m, p: all(m[name] <= p[name] for name in p))
 
 
@@ -99,7 +103,7 @@ def published_order() -> Criterion:
 
 
 def falling() -> Criterion:
-    """Each measured value smaller than the one before it."""
+    """Each measured value is smaller than the one before it."""
 
     def holds(measured: Numbers, _: Numbers) -> bool:
         values = list(measured.values())
@@ -109,7 +113,7 @@ def falling() -> Criterion:
 
 
 def both(one: Criterion, other: Criterion) -> Criterion:
-    """Two rules at once."""
+    """A rule that holds where two rules hold."""
 
     def holds(measured: Numbers, published: Numbers) -> bool:
         return one.holds(measured, published) and other.holds(measured, published)

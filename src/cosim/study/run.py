@@ -34,7 +34,7 @@ def known_studies() -> dict[str, Path]:
 
 
 def find_study(name: str) -> Path:
-    """The folder of the study ``name``, which may also be a path to it. Raises DescriptionError."""
+    """The folder of the study ``name``, which may also be a path. Raises DescriptionError if there is no such study."""
     known = known_studies()
     if name in known:
         return known[name]
@@ -70,7 +70,10 @@ def measure_run(name: str, run: Run, result: Result) -> Outcome:
 
 
 def run_system(folder: Path, run: Run, fmus: Path | None = None) -> System:
-    """The system of a run of the study in ``folder``, its values changed and scaled. Raises DescriptionError."""
+    """The system of a run of the study in ``folder``, with its changed and scaled start values.
+
+    Raises DescriptionError for a wrong system file or a value that does not exist.
+    """
     system = read_system(folder / run.system, run.overrides, fmus=fmus, stop_time=run.stop_time)
     if not run.scaled:
         return system
@@ -121,7 +124,7 @@ def _measured(run: Run, result: Result) -> dict[str, float]:
 
 
 def run_one(folder: Path, name: str, run: Run, fmus: Path | None = None) -> Outcome:
-    """Carry out one run of the study in ``folder``; what stops it becomes the outcome's failure."""
+    """Carry out one run of the study in ``folder``. An error that stops it becomes the failure of the outcome."""
     steps = 0
     try:
         system = run_system(folder, run, fmus)
@@ -135,7 +138,7 @@ def run_one(folder: Path, name: str, run: Run, fmus: Path | None = None) -> Outc
 
 
 def _run_in_process(folder: Path, name: str, fmus: Path | None) -> tuple[str, Numbers, Result | None, int, str]:
-    """What ``run_one`` gives without the run, whose functions do not travel between processes."""
+    """The outcome of ``run_one`` without the run itself, whose functions cannot be sent between processes."""
     outcome = run_one(folder, name, load_study(folder).runs[name], fmus)
     return name, dict(outcome.numbers), outcome.result, outcome.steps, outcome.failure
 
@@ -159,8 +162,8 @@ def run_study(
 ) -> Outcomes:
     """Carry out the runs of the study in ``folder`` whose names match ``pattern``, ``jobs`` at a time.
 
-    The outcomes do not depend on ``jobs``; ``progress`` is told of each as it ends. ``data`` is the folder of the files
-    that a study about data of the user reads; without it such a study shows the figures that come with it.
+    The outcomes do not depend on ``jobs``. ``progress`` gets each outcome as its run ends. Some studies are about
+    measured data of the user: they read the files in the folder ``data``, or show stored figures without it.
     Raises DescriptionError if no run matches, SimulationError if a run takes its process down.
     """
     study = load_study(folder)

@@ -1,7 +1,7 @@
-"""What a study is: runs, claims, measures, pictures; and the verdict computed from a claim and its measured values.
+"""The parts of a study: runs, claims, measures, pictures; and the verdict, computed from a claim and measured values.
 
-A verdict is never written down: a claim gets the first status whose rule its measured values keep, and
-"not reproduced" ("differs" for a check of our own code) if they keep none.
+A verdict is always computed, never written by hand: a claim gets the first status whose rule holds for its measured
+values. If no rule holds, it is "not reproduced", or "differs" for a check of our own code.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ Status = Literal[
     "not checkable",
     "not run",
 ]
-"""``fitted``: it holds with a choice made after its figure was seen. ``order only``: the figure differs, the order of
-the compared things does not. ``transferred``: it holds on a machine that is not the paper's, whose data are not known.
-``agrees``, ``differs``: checks. ``not checkable``: nothing was published, or a run it needs has failed. ``not run``: a
-run it needs was left out."""
+"""``fitted``: the claim holds with a choice that was made after its figure was seen. ``order only``: the figures
+differ, but their order is the published one. ``transferred``: the claim holds on another machine, since the data of
+the paper's machine are not known. ``agrees``, ``differs``: results of checks. ``not checkable``: nothing was published,
+or a run that the claim needs has failed. ``not run``: a run that the claim needs was left out."""
 
 STATUSES: Mapping[Kind, tuple[Status, ...]] = {
     "paper": ("reproduced", "fitted", "order only", "transferred", "not reproduced", "not checkable", "not run"),
@@ -50,7 +50,7 @@ STATUSES: Mapping[Kind, tuple[Status, ...]] = {
 Value = float | int | bool | str
 NONE: Mapping[str, Any] = MappingProxyType({})
 COPY = "~"
-"""Between the name of a run and the number of its perturbed copy."""
+"""Separator between the name of a run and the number of its perturbed copy."""
 
 
 @dataclass(frozen=True)
@@ -60,26 +60,26 @@ class Run:
     system: str
     """System file in the folder of the study."""
     overrides: Mapping[str, Value] = field(default_factory=lambda: NONE)
-    """Start values changed: ``instance.variable`` -> value."""
+    """Changed start values: ``instance.variable`` -> value."""
     stop_time: float | None = None
     """End of the run in s, if it is not that of the system file."""
     window: tuple[float, float] = (-math.inf, math.inf)
-    """Seconds over which ``measure`` looks at the run."""
+    """Begin and end in s of the part of the run that ``measure`` looks at."""
     measure: Callable[[Result, tuple[float, float]], Numbers] | None = None
-    """Figures beyond those of ``tracking``; it sees every recorded row."""
+    """Function that gives figures beyond those of ``tracking``; it gets every recorded row."""
     keep_every: int = 1
-    """Rows kept for claims and pictures once the figures are measured: every so many."""
+    """After the figures are measured, every ``keep_every``-th row is kept for claims and pictures."""
     scaled: Mapping[str, float] = field(default_factory=lambda: NONE)
-    """Start values multiplied: ``instance.variable`` -> factor on the value of system file and ``overrides``."""
+    """Scaled start values: ``instance.variable`` -> factor on the value from the system file or ``overrides``."""
     machines: int = 0
-    """How many machines are drawn from ``box`` and run beside the one of the file: see ``run.run_machines``."""
+    """Number of machines drawn from ``box`` that are run besides the machine of the file: see ``run.run_machines``."""
     box: Mapping[str, tuple[float, float]] = field(default_factory=lambda: NONE)
-    """Range of the factor on each start value that differs between machines."""
+    """Start value that differs between machines -> range of the factor on it."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run gave: figures in SI units, the rows kept, or why it failed."""
+    """The result of a run: figures in SI units and the rows kept, or the reason of its failure."""
 
     name: str
     run: Run
@@ -90,7 +90,7 @@ class Outcome:
 
 
 class Missing(CosimError):
-    """A claim or picture asks for a run that is not there."""
+    """A claim or picture needs a run that was left out or has failed."""
 
     def __init__(self, name: str, failure: str) -> None:
         self.failure = failure
@@ -124,7 +124,7 @@ class Outcomes(Mapping[str, Outcome]):
         return numbers[name]
 
     def result(self, run: str) -> Result:
-        """The rows kept of a run."""
+        """The rows kept of a run. Raises Missing if the run was left out or has failed."""
         result = self[run].result
         if result is None:
             raise Missing(run, "no rows were kept")
@@ -135,7 +135,7 @@ class Outcomes(Mapping[str, Outcome]):
         return tuple(self._outcomes.values())
 
     def copies(self) -> list[Outcomes]:
-        """The same outcomes with the first, second, ... perturbed copy in the place of every run that has one."""
+        """One set of outcomes for each number of a copy; in it the perturbed copies replace their runs."""
         found: dict[int, dict[str, Outcome]] = {}
         for name, outcome in self._outcomes.items():
             base, separator, number = name.rpartition(COPY)
@@ -150,19 +150,22 @@ class Outcomes(Mapping[str, Outcome]):
 
 
 Measure = Callable[[Outcomes], float | Numbers]
-"""Values in the unit of the claim."""
+"""Function that measures a claim: it returns one value, or values by label, in the unit of the claim."""
 
 Advance = Callable[[Outcome], None]
 OwnOutcomes = Callable[[Path | None, Path | None, Advance, int], Outcomes]
-"""Outcomes of a study about data of the user: from their folder (None: those that come with the study), the folder of
-FMUs, what is told of each outcome, and how many runs are carried out at a time."""
+"""Function that makes the outcomes of a study about measured data of the user.
+
+Its arguments are the folder of the data (None: use the figures that come with the study), the folder of the FMUs, a
+function that gets each outcome as it is ready, and the number of runs at a time.
+"""
 
 NO_RULES: Mapping[Status, Criterion] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Another setting in which a claim is looked for as well; it is shown and not counted."""
+    """A claim measured in another setting; the report shows the result but does not count it."""
 
     setting: str
     measure: Measure
@@ -170,7 +173,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Claim:
-    """One thing a paper says, or one figure that another simulation gave, and how it is looked for."""
+    """A statement of a paper, or a figure of another simulation, and how it is measured."""
 
     id: str
     text: str
@@ -181,12 +184,12 @@ class Claim:
     measure: Measure | None = None
     """The measured value or values in ``unit``; None if there is nothing to measure."""
     verdicts: Mapping[Status, Criterion] = field(default_factory=lambda: NO_RULES)
-    """The rule that earns each status, the best first."""
+    """Status -> the rule that must hold for it, the best status first."""
     group: str = "Claims"
     setting: str = ""
-    """In which setting it is looked for: the same for all claims of a study where it can be."""
+    """The setting in which the claim is measured; if possible, it is the same for all claims of a study."""
     note: str = ""
-    """What a reader should know to judge it."""
+    """Remark that a reader needs to judge the claim."""
     kind: Kind = "paper"
     readings: tuple[Reading, ...] = ()
 
@@ -214,7 +217,7 @@ class Study:
     title: str
     source: str
     text: str
-    """What a reader should know before the tables, in Markdown."""
+    """Introduction before the tables, in Markdown."""
     runs: Mapping[str, Run]
     claims: tuple[Claim, ...]
     pictures: Mapping[str, Picture]
@@ -223,7 +226,7 @@ class Study:
     chapters: Mapping[str, Callable[[Outcomes], str]] = field(default_factory=lambda: NONE)
     """More chapters of the report: heading -> Markdown made from the outcomes."""
     outcomes: OwnOutcomes | None = None
-    """What gives the outcomes instead of the runs: of a study about data that the user has."""
+    """Function that makes the outcomes instead of the runs, for a study about measured data of the user."""
     claims_digest: str = ""
     """SHA-256 of the file of claims, read before the first run."""
 
@@ -252,7 +255,7 @@ class Study:
 
 @dataclass(frozen=True)
 class ReadingResult:
-    """What another reading of a claim gave."""
+    """The result of a claim in another setting."""
 
     setting: str
     measured: Numbers
@@ -268,7 +271,7 @@ class Verdict:
     measured: Numbers
     status: Status
     reason: str = ""
-    """Why it could not be measured."""
+    """Why the claim could not be measured; empty if it was."""
     spread: Mapping[str, tuple[float, float]] = field(default_factory=lambda: NONE)
     """Smallest and largest value over the run and its perturbed copies, by label; empty without copies."""
     readings: tuple[ReadingResult, ...] = ()
@@ -280,9 +283,9 @@ def labelled(value: float | Numbers) -> Numbers:
 
 
 def judge(claim: Claim, outcomes: Outcomes) -> Verdict:
-    """Measure a claim and give it the first status whose rule holds, in the perturbed copies of its runs as well.
+    """Measure a claim and give it the first status whose rule holds for its runs and all their perturbed copies.
 
-    NaN keeps no rule.
+    No rule holds for NaN.
     """
     if claim.measure is None:
         return Verdict(claim, NONE, "not checkable")
@@ -305,7 +308,7 @@ def judge(claim: Claim, outcomes: Outcomes) -> Verdict:
 
 
 def _measured(measure: Measure, outcomes: Outcomes) -> Numbers:
-    """Measured values, none if a run is missing."""
+    """The measured values; empty if a run is missing."""
     try:
         return labelled(measure(outcomes))
     except Missing:
@@ -313,7 +316,7 @@ def _measured(measure: Measure, outcomes: Outcomes) -> Numbers:
 
 
 def _judged(claim: Claim, measure: Measure, sets: Sequence[Outcomes]) -> tuple[Numbers, Status, str]:
-    """Values in the first of the sets of outcomes, the first status whose rule holds in all of them, and a reason."""
+    """The values in the first set of outcomes, the first status whose rule holds in all sets, and a reason."""
     try:
         measured = [labelled(measure(outcomes)) for outcomes in sets]
     except Missing as missing:

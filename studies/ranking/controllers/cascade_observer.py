@@ -26,6 +26,6 @@ def start(plant, gains, model):
 def before(plant, gains, model):
     """Instances that run before the controller: name -> (FMU, start values, input -> source)."""
     inputs = {"position": "plant.position", "applied_force": "controller.force"}
-    # What the feed-forward adds is no part of applied_force, so the observer sees what is left of friction.
+    # applied_force does not include the feed-forward of friction, so the observer estimates the remaining friction.
     start = {"g": gains.integral, "m_hat": plant.M, "b_hat": plant.B}
     return {"observer": ("DisturbanceObserver", start, inputs)}

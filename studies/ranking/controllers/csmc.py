@@ -1,4 +1,4 @@
-"""Complementary sliding-mode control: knobs as for SMC; the loop gain is twice that of the boundary layer."""
+"""Complementary sliding-mode control: free values as for SMC; the loop gain is twice that of the boundary layer."""
 
 TITLE = "CSMC"
 FMU = "ComplementarySlidingMode"

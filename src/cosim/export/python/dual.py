@@ -1,4 +1,4 @@
-"""Numbers with their partial derivatives: equations that are given them return exact Jacobians.
+"""Numbers with their partial derivatives. Equations evaluated with such numbers return exact Jacobians.
 
 Forward differentiation (Griewank, Walther, Evaluating Derivatives, 2008, chapter 3). A comparison gives a ``bool`` of
 the values, so equations take the branch they take with plain numbers.
@@ -10,7 +10,7 @@ import math
 
 
 class Dual:
-    """A value and its slopes, the derivatives by each of the variables in question."""
+    """A value and its slopes, the derivatives with respect to each of the chosen variables."""
 
     __slots__ = ("slopes", "value")
     __hash__ = None  # type: ignore[assignment]
@@ -19,11 +19,14 @@ class Dual:
         self.value, self.slopes = value, slopes
 
     def scaled(self, value: float, factor: float) -> Dual:
-        """A function of this alone: its value, and its derivative by this."""
+        """The result of a function of this number alone: ``value``, and slopes by its derivative ``factor``."""
         return Dual(value, tuple([factor * slope for slope in self.slopes]))
 
     def mixed(self, value: float, own: float, other: Dual, factor: float) -> Dual:
-        """A function of this and another: its value, and its derivatives by both."""
+        """The result of a function of this and another number: ``value``, and slopes by its two partial derivatives.
+
+        ``own`` is the derivative with respect to this number, ``factor`` with respect to ``other``.
+        """
         pairs = zip(self.slopes, other.slopes, strict=True)
         return Dual(value, tuple([own * a + factor * b for a, b in pairs]))
 
@@ -64,7 +67,7 @@ class Dual:
         if isinstance(other, Dual):
             own = _ratio(other.value * value, self.value)
             return self.mixed(value, own, other, value * math.log(self.value) if value else 0.0)
-        # x**p/x would be 0/0 at x = 0
+        # the usual p*x**p/x would be 0/0 at x = 0
         slope = other * self.value ** (other - 1.0) if self.value or other >= 1.0 else _ratio(other, 0.0)
         return self.scaled(value, slope if other else 0.0)
 
@@ -102,7 +105,7 @@ class Dual:
     def __eq__(self, other: object) -> bool:
         return self.value == (other.value if isinstance(other, Dual) else other)
 
-    # The functions of ``cosim.model``, which calls these methods
+    # ``cosim.model`` calls these methods for its functions of the same names
 
     def exp(self) -> Dual:
         """e**x."""
@@ -192,7 +195,7 @@ def plain(number: Dual | float) -> float:
 
 
 def _ratio(dividend: float, divisor: float) -> float:
-    """A quotient as C gives it: an infinite slope spoils nothing where its branch is not taken."""
+    """A quotient as C gives it, infinite for a divisor of 0: no error in a branch that is not taken."""
     if divisor:
         return dividend / divisor
     return math.copysign(math.inf, dividend) if dividend else math.nan

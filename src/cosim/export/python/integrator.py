@@ -1,6 +1,6 @@
-"""The integrator of native FMUs (``runtime/integrator.c``) in Python, step by step the same: see there for its source.
+"""The integrator of native FMUs (``runtime/integrator.c``) in Python, with the same steps; its source is given there.
 
-It needs no package, leaves nothing behind between two steps, and counts what the native one counts.
+It needs no package, keeps nothing between two steps but ``StepProgress``, and has the counts of the native one.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ Matrix = list[list[float]]
 
 @dataclass
 class StepProgress:
-    """What an instance keeps: proposal for the next step, and counts in the order of the solver's variables."""
+    """What an instance keeps between steps: the proposed step size in s, and counts in the order of the counters."""
 
     step: float = 0.0
     counts: list[int] = field(default_factory=lambda: [0] * 5)
 
 
 class Stopped(Exception):
-    """Integration ended early: why, when, and at which continuous state, if it is one."""
+    """Integration ended early: the reason, the time in s, and the index of the continuous state at fault, or None."""
 
     def __init__(self, reason: str, time: float, state: int | None) -> None:
         self.reason, self.time, self.state = reason, time, state
@@ -48,8 +48,8 @@ class Stopped(Exception):
 class Problem:
     """The equations of one communication step.
 
-    ``derivative`` gives the rates at (t, x); ``linear`` also the Jacobian and the rates' derivatives by time;
-    ``accepted`` is called after each accepted step.
+    ``derivative`` gives the rates at (t, x). ``linear`` gives the rates, the Jacobian and the time derivatives of the
+    rates. ``accepted`` is called after each accepted step.
     """
 
     derivative: Callable[[float, Sequence[float]], Vector]
@@ -61,7 +61,7 @@ class Problem:
 
 
 def integrate(problem: Problem, progress: StepProgress, t: float, end: float, x: Vector) -> None:
-    """Advance ``x`` in place from ``t`` to ``end``. Raises Stopped; ``x`` is then that of its time."""
+    """Advance ``x`` in place from ``t`` to ``end``. Raises Stopped; ``x`` is then the state at the time it names."""
     step = progress.step if progress.step > 0.0 else end - t
     smallest = 1e-15 * max(abs(t), abs(end))
     attempts, rejected = 0, False
@@ -105,9 +105,9 @@ def integrate(problem: Problem, progress: StepProgress, t: float, end: float, x:
 def _attempt(
     problem: Problem, counts: list[int], times: tuple[float, float], x: Vector, known: tuple[Vector, Matrix, Vector]
 ) -> tuple[Vector, float, int | None]:
-    """One attempt of size h from (t, x): the solution, its error, and the state where that is largest.
+    """One attempt of size h from (t, x): the solution, its error, and the state with the largest error.
 
-    The error is in units of the tolerance, nan if anything is not finite; up to 1 it is accepted.
+    The error is in units of the tolerance, so that errors up to 1 are accepted; NaN if anything is not finite.
     """
     t, h = times
     rates, jacobian, by_time = known
@@ -164,7 +164,7 @@ def _attempt(
 
 
 def _combined(linear: Sequence[Vector], weights: Sequence[float]) -> tuple[Vector, Vector]:
-    """The weighted sum of W h f, W^2 h f ..., and that of h f, W h f ... whose first two weights count as one."""
+    """Two weighted sums: of W^(k+1) h f with weights[k], and of W^k h f with weights[k] for k >= 1."""
     moved: Vector = []
     shifted: Vector = []
     for i in range(len(linear[0])):

@@ -1,4 +1,4 @@
-"""What an instance of a Python FMU remembers, and how its numbers and a component's records become each other."""
+"""The memory of an instance of a Python FMU, and conversions between its numbers and a component's records."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .ticks import Ticks
 
 @dataclass
 class Memory:
-    """All that an instance remembers: its FMU state. The fields mean what they mean in ``core.c``."""
+    """All that an instance remembers, which is its FMU state. ``core.c`` explains the fields of the same names."""
 
     v: list[float]
     next: list[float]
@@ -75,12 +75,12 @@ class MemoryLayout:
 
 @cache
 def interface(kind: type[Component]) -> MemoryLayout:
-    """The interface of a component, made once."""
+    """The memory layout of a component; it is made once."""
     return MemoryLayout(kind)
 
 
 def restored(state: Mapping[str, Any], like: Memory, face: MemoryLayout) -> Memory | None:
-    """The memory of saved values, or None if no instance of this FMU, whose memory is ``like``, can go on with them."""
+    """The memory from saved values. None if they do not fit this FMU; ``like`` is a memory that does."""
     copied: dict[str, Any] = {k: list(cast("list[Any]", v)) if isinstance(v, list) else v for k, v in state.items()}
     try:
         copied["count"] = Ticks(**copied["count"])
@@ -105,7 +105,7 @@ def restored(state: Mapping[str, Any], like: Memory, face: MemoryLayout) -> Memo
 
 
 def value_of(variable: InterfaceVariable, number: float) -> Any:
-    """What a component's field holds for the number an FMU holds; its start value for a number without a member."""
+    """The value of a component's field for a number of the FMU; the start value for a number without a member."""
     if variable.choice is not None:
         known = {item.number: item for item in variable.choice}
         return known.get(int(number), known[int(variable.start)])
@@ -113,7 +113,7 @@ def value_of(variable: InterfaceVariable, number: float) -> Any:
 
 
 def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, InterfaceVariable]]) -> Sequence[Any]:
-    """Values as equations see them: those of ``whole`` places are no floats."""
+    """Values with the types that equations expect; ``whole`` lists the places that hold no floats."""
     if not whole:
         return values
     typed: list[Any] = list(values)
@@ -123,7 +123,7 @@ def with_types(values: Sequence[Dual | float], whole: Sequence[tuple[int, Interf
 
 
 def numbers(call: Callable[[], Any], n: int) -> list[float]:
-    """The values of the record that ``call`` gives; not-a-numbers where Python refuses to compute them."""
+    """The values of the record that ``call`` returns; ``n`` NaNs if Python refuses to compute them."""
     try:
         return [value if isinstance(value, float) else float_of(value) for value in cast(Iterable[Any], call())]
     except (ArithmeticError, ValueError):
@@ -131,5 +131,5 @@ def numbers(call: Callable[[], Any], n: int) -> list[float]:
 
 
 def float_of(value: Any) -> float:
-    """A number as float; not-a-number for a root or power of a negative value, which is complex in Python."""
+    """A number as float. A complex number, as Python gives for roots of negative values, becomes NaN."""
     return math.nan if isinstance(value, complex) else float(value)

@@ -1,4 +1,4 @@
-"""Log messages of a Python FMU, worded by the contract that the C runtime has, too."""
+"""Log messages of a Python FMU. Their texts are those of the contract, as in the C runtime."""
 
 from __future__ import annotations
 

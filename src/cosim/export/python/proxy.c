@@ -1,8 +1,8 @@
 /* The binary of a Python FMU: loads PythonFMU's library beside it and passes every call on.
 
-   It adds what PythonFMU 0.7 leaves out: any resource path, the guid check, statuses other than OK and Fatal (the
-   slave says them with its log messages), log categories, checks of pointers, FMU states that can be overwritten
-   and are checked when read back, and a Python for importers that run none. */
+   It adds what PythonFMU 0.7 lacks: resource paths of any form, the guid check, statuses other than OK and Fatal (they
+   come with the slave's log messages), log categories, checks of pointers, FMU states that can be overwritten and are
+   checked when read back, and a Python interpreter if the importer's process has none. */
 #if !defined _WIN32
 #define _GNU_SOURCE
 #endif
@@ -81,7 +81,7 @@ typedef struct {
     Functions slave_functions;
     fmi2Component slave;
     void *library;
-    int dead;            /* Python left by an exception: PythonFMU has given its objects away, nothing may be called */
+    int dead;            /* a Python exception escaped: PythonFMU has released its objects, nothing may be called */
     unsigned categories; /* bit of each category that is logged */
     fmi2Status worst;    /* of the messages of the call in progress */
     fmi2Real reached;    /* s, end of the last step done */
@@ -110,7 +110,8 @@ static void say(const Instance *instance, fmi2Status status, const char *format,
     deliver(instance, status, text);
 }
 
-/* PythonFMU passes the slave's messages here, each with the status the call is to have; a warning leaves it as it is. */
+/* PythonFMU passes the slave's messages here, each with the status that the call shall return. A warning does not
+   change the status of the call. */
 static void receive(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
                     fmi2String text, ...) {
     static const char prefix[] = "Fatal py exception encountered: ";
@@ -181,7 +182,8 @@ static int own_folder(char *path, size_t size) {
     return 1;
 }
 static int python_is_loaded(void) { return dlsym(RTLD_DEFAULT, "Py_IsInitialized") != NULL; }
-/* One already in the process if there is one, else the one named or the newest. */
+/* The Python library: the one that COSIM_LIBPYTHON names; else the one already in the process; else the newest
+   installed. */
 static void *load_python(void) {
     static const int modes[] = {RTLD_NOW | RTLD_GLOBAL | RTLD_NOLOAD, RTLD_NOW | RTLD_GLOBAL};
     const char *named = getenv("COSIM_LIBPYTHON");
@@ -197,16 +199,16 @@ static void *load_python(void) {
     return NULL;
 }
 static void *load(const char *path) { return dlopen(path, RTLD_NOW | RTLD_LOCAL); }
-static void unload(void *library) { (void)library; } /* its C++ library keeps it loaded whatever is asked */
+static void unload(void *library) { (void)library; } /* its C++ runtime keeps it loaded anyway */
 
-/* At exit PythonFMU 0.7 lets go of one object twice, heap memory in use after it was freed. Registered after its
-   library's own clean-up, so run before it, this leaves nothing to let go of. */
+/* At exit PythonFMU 0.7 releases an object twice, which uses freed memory. The function below is registered after the
+   library's own clean-up, so it runs before it and leaves nothing to release. */
 static void (*finalize)(void);
 static void before_exit(void) { finalize(); }
 static void guard_exit(void *library) {
     Dl_info info;
     if (finalize || !dladdr((const void *)&category_names, &info)) return;
-    if (!dlopen(info.dli_fname, RTLD_NOW | RTLD_NOLOAD | RTLD_NODELETE)) return; /* what runs at exit must be there */
+    if (!dlopen(info.dli_fname, RTLD_NOW | RTLD_NOLOAD | RTLD_NODELETE)) return; /* keep it: its code runs at exit */
     finalize = dlsym(library, "finalizePythonInterpreter");
     if (finalize) atexit(before_exit);
 }
@@ -214,7 +216,7 @@ static void *symbol(void *library, const char *name) { return dlsym(library, nam
 static const char *load_problem(void) { return dlerror(); }
 #endif
 
-/* Start Python for the rest of the process: PythonFMU would end it at unloading, which numpy does not survive. */
+/* Start Python for the rest of the process. PythonFMU would end it at unloading, but numpy cannot be loaded twice. */
 static int start_python(void) {
     void *library = load_python();
     int (*is_started)(void) = library ? symbol(library, "Py_IsInitialized") : NULL;
@@ -271,7 +273,8 @@ static FILE *open_resource(const char *folder, const char *name) {
     return fopen(path, "r");
 }
 
-/* The path of a file URI, whatever is escaped in it; else the folder beside binaries/. */
+/* The folder of the resources: the path of the URI with all escapes decoded; the folder resources/ beside binaries/ if
+   that path does not hold them. */
 static int resource_folder(const Instance *instance, const char *uri, char *folder) {
     size_t n = 0;
     FILE *file;
@@ -359,10 +362,10 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
     memcpy(instance->name, name ? name : "", length);
     instance->importer = *callbacks;
     instance->own.logger = receive;
-    instance->own.allocateMemory = calloc; /* never the importer's: some hosts have broken ones */
+    instance->own.allocateMemory = calloc; /* not the importer's functions: those of some importers are broken */
     instance->own.freeMemory = free;
     instance->own.componentEnvironment = instance;
-    instance->categories = EVERY_CATEGORY; /* a refusal to exist is always said */
+    instance->categories = EVERY_CATEGORY; /* the reason of a refused instance is always logged */
     if (!*instance->name) {
         say(instance, fmi2Error, SAY_NO_NAME, function);
     } else if (type != fmi2CoSimulation) {
@@ -452,7 +455,7 @@ VALUES(SetInteger, const fmi2Integer)
 VALUES(SetBoolean, const fmi2Boolean)
 VALUES(SetString, const fmi2String)
 
-/* For calls that only n == 0 variables can be passed to; the text begins with the function. */
+/* Calls on variables that these FMUs do not have: only n == 0 is allowed. The text begins with the function. */
 #define NOT_PROVIDED(instance, n, text, function) \
     do {                                          \
         if (unusable(instance)) return fmi2Error; \
@@ -491,16 +494,16 @@ FMI2_EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2V
 
 /* ---- FMU state ---- */
 
-/* In front of the slave's own bytes. */
+/* Header of a serialized state; the slave's own bytes follow it. */
 typedef struct {
     char guid[GUID_BYTES];
     unsigned long long version;
     unsigned long long size;     /* of head and bytes */
-    unsigned long long checksum; /* of head, without it, and bytes */
+    unsigned long long checksum; /* of head (without this member) and bytes */
 } Head;
 #define STATE_VERSION 2
 
-/* FNV-1a. A byte that differs gives another sum for certain, for all that follows is one to one. */
+/* FNV-1a. If a single byte differs, the sum always differs: every later step maps one to one. */
 static unsigned long long added(unsigned long long sum, const void *content, size_t size) {
     const unsigned char *bytes = content;
     for (size_t i = 0; i < size; i++) sum = (sum ^ bytes[i]) * 1099511628211ull;

@@ -1,7 +1,7 @@
-"""An instance of a Python FMU: what the C runtime is to a native one, with a component's own Python methods.
+"""An instance of a Python FMU: it does the work of the C runtime with a component's own Python methods.
 
-PythonFMU's library calls the public methods; their names and arguments are its protocol. None of them raises:
-an error becomes a message with a status, and the FMU's binary (``python/proxy.c``) returns that status.
+PythonFMU's library calls the public methods, so their names and arguments are given by its protocol. None of them
+raises: an error becomes a message with a status, and the FMU's binary (``python/proxy.c``) returns that status.
 
 This module and the declaration layer travel inside the FMU, under a package name made from their content.
 """
@@ -53,7 +53,7 @@ class Instance:
         return self.log_queue
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
-        """fmi2SetupExperiment; None is not defined."""
+        """fmi2SetupExperiment; None stands for a value that is not defined."""
 
         def keep(function: str) -> None:
             self.set_up(function, start_time, stop_time, tolerance)
@@ -78,7 +78,7 @@ class Instance:
         self.guard("fmi2Terminate", contract.LEGAL["TERMINATE"], end)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """fmi2DoStep; False if it is to be discarded or was wrong."""
+        """fmi2DoStep; False if the step was discarded or failed."""
         self.guard(
             "fmi2DoStep", contract.LEGAL["STEP"], lambda function: self.advance(function, current_time, step_size)
         )
@@ -146,7 +146,7 @@ class Instance:
         self.log_queue.append(LogEntry(status, CATEGORIES[status], text))
 
     def guard(self, function: str, phases: int, call: Callable[[str], None]) -> None:
-        """Run one FMI call where it is legal. Whatever goes wrong becomes a message; an error fails the instance."""
+        """Run one FMI call if it is legal in this phase. Any problem becomes a message; an error fails the instance."""
         memory = self.memory
         if not memory.phase & phases:
             self.say(ERROR, contract.message("NOT_ALLOWED", function, PHASES[memory.phase]))
@@ -158,13 +158,13 @@ class Instance:
             self.say(refusal.status, refusal.text)
             if refusal.status == ERROR:
                 memory.phase = FAILED
-        except BaseException as error:  # also KeyboardInterrupt: nothing may pass into PythonFMU
+        except BaseException as error:  # also KeyboardInterrupt: no exception may reach PythonFMU
             kind = type(error).__name__
             self.say(ERROR, f"{function}: {self.kind.__name__} failed in Python: {kind}: {error}".rstrip(": "))
             memory.phase = FAILED
 
     def checked(self, function: str, reference: int, types: Sequence[str]) -> InterfaceVariable:
-        """The variable of a value reference, which must have one of the types."""
+        """The variable of a value reference. Refused if its type is none of ``types``."""
         if not 0 <= reference < len(self.face.variables):
             last = len(self.face.variables) - 1
             raise Refusal(ERROR, "UNKNOWN_REFERENCE", function, reference, self.kind.__name__, last)
@@ -199,7 +199,7 @@ class Instance:
             memory.parameters_dirty = True
 
     def leave(self, function: str) -> None:
-        """Check what parameters must hold together, and the initial values."""
+        """Check the rules between parameters and the initial values."""
         memory, face = self.memory, self.face
         rule = self.broken_rule()
         if rule:
@@ -213,7 +213,7 @@ class Instance:
         self.tell_notes(function)
 
     def tell_notes(self, function: str) -> None:
-        """Tell what is legal but suspicious, each note once."""
+        """Log the notes, which tell what is legal but suspicious; each note is logged once."""
         memory = self.memory
         self.refresh_parameters()
         notes: tuple[Note, ...] = self.component().notes(self.state(memory.v[self.face.states]))
@@ -227,7 +227,7 @@ class Instance:
     # Values
 
     def get(self, function: str, types: Sequence[str], references: Sequence[int], convert: Callable[[Any], Any]) -> Any:
-        """Values by reference; as many as were asked for, whatever happened."""
+        """Values by reference. There are always as many as were asked for, also after an error."""
         values: list[Any] = []
 
         def read(function: str) -> None:
@@ -247,7 +247,7 @@ class Instance:
         return values if len(values) == len(references) else [convert(0) for _ in references]
 
     def set(self, function: str, types: Sequence[str], references: Sequence[int], values: Sequence[float]) -> None:
-        """Set values one by one; a refused value is said and the previous one kept."""
+        """Set values one by one. A refused value gives a message, and the variable keeps its previous value."""
 
         def write(function: str) -> None:
             wanted = [self.checked(function, reference, types) for reference in references]
@@ -267,7 +267,7 @@ class Instance:
         previous = memory.v[reference]
         name, unit = variable.name, variable.unit
         if variable.role in ("fixed", "tunable") and not memory.phase & BEFORE and value == previous:
-            return  # some importers set all parameters again
+            return  # some importers set all parameters again after initialization, to the same values
         if variable.role not in ("input", "tunable") and not (variable.role == "fixed" and memory.phase & BEFORE):
             raise Refusal(ERROR, "FIXED" if variable.role == "fixed" else "COMPUTED", function, name)
         if not math.isfinite(value):
@@ -291,7 +291,7 @@ class Instance:
     # Evaluation
 
     def component(self) -> Any:
-        """The component with the parameters of now, its bounds and rules not checked again."""
+        """The component with the present parameters; bounds and rules are not checked again."""
         if self.made is None:
             values = zip(self.face.variables, self.memory.v[self.face.parameters], strict=False)
             self.made = unchecked(self.kind, (value_of(variable, number) for variable, number in values))
@@ -308,22 +308,22 @@ class Instance:
         return next((rule.text for rule in component.rules() if not rule.condition), "")
 
     def state(self, values: Sequence[Dual | float]) -> Record:
-        """The ``State`` of ordered values."""
+        """The ``State`` with these values, given in the order of the FMU."""
         typed = with_types(values, self.face.whole_states)
         return self.kind.State(**unflatten(self.kind.State, (typed[i] for i in self.face.to_record)))
 
     def input(self) -> Record:
-        """The ``Input`` of now."""
+        """The ``Input`` with the present values."""
         values = with_types(self.memory.v[self.face.inputs], self.face.whole_inputs)
         return self.kind.Input(**unflatten(self.kind.Input, iter(values)))
 
     def states_of(self, call: Callable[[], Any]) -> list[float]:
-        """Ordered values of the ``State`` that ``call`` gives."""
+        """The values of the ``State`` that ``call`` returns, in the order of the FMU."""
         flat = numbers(call, len(self.face.from_record))
         return [flat[i] for i in self.face.from_record]
 
     def refresh_parameters(self) -> None:
-        """Bring the component and, before the first step, the initial state up to date."""
+        """Update the component and, before the first step, the initial state."""
         memory = self.memory
         if not memory.parameters_dirty:
             return
@@ -334,7 +334,7 @@ class Instance:
         memory.parameters_dirty = False
 
     def refresh(self, derivatives: bool) -> None:
-        """Bring what an importer may read up to date with inputs, parameters and time."""
+        """Update everything that an importer may read to the present inputs, parameters and time."""
         self.refresh_parameters()
         memory, face, component = self.memory, self.face, self.component()
         if memory.outputs_dirty:
@@ -355,7 +355,7 @@ class Instance:
             memory.derivatives_dirty = False
 
     def touch(self) -> None:
-        """Inputs or parameters changed: what follows from them is to be computed again."""
+        """Inputs or parameters changed: mark the values that depend on them to be computed again."""
         memory = self.memory
         memory.outputs_dirty = memory.derivatives_dirty = True
         memory.sampled = False
@@ -363,15 +363,15 @@ class Instance:
     # Sampling
 
     def sampling_time(self) -> float:
-        """``T_s``."""
+        """The sampling time ``T_s`` in s."""
         return self.memory.v[self.face.references["T_s"]]
 
     def sample_time(self) -> float:
-        """Time of the coming sample, for the equations."""
+        """Time of the next sample in s, as the equations get it."""
         return self.memory.start + self.memory.count.sample * self.sampling_time()
 
     def take_sample(self) -> None:
-        """Outputs of the coming sample, and the state after it."""
+        """Compute the outputs of the next sample and the state after it."""
         memory, face, component = self.memory, self.face, self.component()
         t, x, u = self.sample_time(), self.state(memory.v[face.states]), self.input()
         found: list[Any] = []
@@ -397,7 +397,7 @@ class Instance:
         if not abs(time - memory.time) <= 1e-6 * step + 8.0 * EPSILON * abs(memory.time):
             raise Refusal(ERROR, "WRONG_POINT", function, time, memory.time)
         end = time + step
-        # the time of an importer that adds up may be off by the rounding of each sum
+        # an importer may add up its time, t += h: then each step adds a rounding error
         if end > memory.stop + 1e-6 * step + (8.0 + memory.steps) * EPSILON * abs(memory.stop):
             raise Refusal(ERROR, "BEHIND_STOP", function, end, memory.stop)
         self.refresh_parameters()
@@ -424,7 +424,7 @@ class Instance:
                 raise Refusal(DISCARD, "RESULT_NOT_FINITE", function, variable.name, end)
 
     def run_samples(self, function: str, step: float) -> None:
-        """All samples of a step."""
+        """Take all samples of a communication step."""
         memory, face, T_s = self.memory, self.face, self.sampling_time()
         samples = memory.count.begin(T_s, memory.time, step)
         if samples > contract.LIMITS["SAMPLES"]:
@@ -445,9 +445,9 @@ class Instance:
         memory.count.end(samples)
 
     def integrate(self, function: str, end: float) -> None:
-        """Integrate the continuous states to ``end`` with inputs held; discrete ones follow each accepted step.
+        """Integrate the continuous states to ``end`` with inputs held; discrete states follow each accepted step.
 
-        If it stops early, the states are those of the last accepted step.
+        If integration stops early, the states are those of the last accepted step.
         """
         memory, face = self.memory, self.face
         n, component, inputs = face.n_continuous, self.component(), self.input()

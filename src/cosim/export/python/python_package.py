@@ -1,8 +1,8 @@
-"""The files of a Python FMU: a component's own source and the instance, as a package that meets no other of its kind.
+"""The files of a Python FMU: a component's own source and the instance, as a package whose name no other FMU has.
 
-All FMUs of a process share one interpreter. So nothing here has a fixed import name: the entry module is named after
-its content, and it loads the package beside it under a name made from the bytes it finds there. Two FMUs, two
-versions of one, or one edited by hand run side by side, each with its own code.
+All FMUs of a process share one interpreter, so no module has a fixed import name. The entry module is named after
+its content, and it loads the package beside it under a name made from the bytes of that package. Different FMUs,
+different versions of an FMU and FMUs edited by hand then run side by side, each with its own code.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def library(platform: str) -> bytes:
 
 
 def external_dependencies(kind: type[Component]) -> str:
-    """documentation/externalDependencies.txt of FMI 2.0.4: what has to be there where the FMU runs."""
+    """documentation/externalDependencies.txt of FMI 2.0.4: what the machine that runs the FMU must have."""
     where = component_origin(kind)
     local = needed_files(where, Path(inspect.getfile(kind)))
     used = {name.partition(".")[0] for module, path in local.items() for name in imported_modules(path, module)}
@@ -143,7 +143,7 @@ def external_dependencies(kind: type[Component]) -> str:
 
 
 def resources(kind: type[Component]) -> dict[str, bytes]:
-    """The content of resources/ but for guid.txt: entry module and package.
+    """The content of resources/ without guid.txt: entry module and package.
 
     Raises DescriptionError for an import that cannot be made relative, EmbedError without PythonFMU.
     """

@@ -1,8 +1,9 @@
-"""Which samples a communication step of a controller holds: the arithmetic of ``core.c`` for the Python flavour.
+"""The samples that a communication step of a controller covers: the arithmetic of ``sampling.c`` for Python FMUs.
 
-An importer may add up its time, t += h: in a long run the sum drifts from k*h by many samples. So where a step is a
-fraction or a multiple of the sampling time, ticks are counted, and the sampling instants move with the importer's
-clock; elsewhere time decides. This module travels inside Python FMUs.
+An importer may add up its time, t += h: in a long run the sum drifts from k*h by many samples. If the step and the
+sampling time have a simple ratio, both are counted in ticks, a common fraction of them: then counts decide which
+samples are due, and the sampling instants move with the importer's clock. Otherwise the time decides. This module
+travels inside Python FMUs.
 """
 
 from __future__ import annotations
@@ -14,17 +15,21 @@ from dataclasses import dataclass
 EPSILON = sys.float_info.epsilon
 
 SAME_TICK = 1e-6
-"""Two counts of ticks are equal if they differ by less: counts are whole, unless counting began between ticks."""
+"""Two counts of ticks that differ by less than this are equal. Counts are whole unless counting began between ticks."""
 MOST_TICKS, MOST_PER_SAMPLE = 1e9, 1e5
-"""Beyond these a count is no longer exact to ``SAME_TICK``, and any number would be a fraction."""
+"""Largest ticks of a step and of a sampling time.
+
+With more ticks a count is no longer exact to ``SAME_TICK``, and any ratio of step and sampling time would pass as a
+fraction.
+"""
 
 Fraction = tuple[float, float]
-"""Ticks of a step, and ticks that make a sampling time; (0, 0) if there is no such fraction."""
+"""Number of ticks in a step, and number of ticks in a sampling time; (0, 0) if there is no such fraction."""
 NONE: Fraction = (0.0, 0.0)
 
 
 def fraction_of(step: float, T_s: float, slack: float) -> Fraction:
-    """The simplest fraction of ``T_s`` that ``step`` is to within ``slack`` (all in s), from its continued fraction."""
+    """The simplest fraction step/T_s that is right to within ``slack``, by its continued fraction (arguments in s)."""
     most = min(MOST_PER_SAMPLE, math.sqrt(0.01 * T_s / slack))
     rest, p, p_last, q, q_last = step / T_s, 1.0, 0.0, 0.0, 1.0
     while math.isfinite(rest):
@@ -41,19 +46,23 @@ def fraction_of(step: float, T_s: float, slack: float) -> Fraction:
 
 
 def whole_if_near(number: float, slack: float) -> float:
-    """The number, or the whole number next to it if that is within ``slack``."""
+    """The number itself, or the nearest whole number if it is within ``slack``."""
     whole = math.floor(number + 0.5)
     return float(whole) if abs(number - whole) <= slack else number
 
 
 def same_instant(T_s: float, time: float) -> float:
-    """Two times are one sampling instant if they differ by no more, s."""
+    """Largest difference in s of two times that count as the same sampling instant.
+
+    It is 1e-6 of ``T_s`` and the rounding of ``time``, but at most a quarter of ``T_s``, so that no time belongs to two
+    instants.
+    """
     return min(1e-6 * T_s + 8.0 * EPSILON * abs(time), 0.25 * T_s)
 
 
 @dataclass
 class Ticks:
-    """Where a controller is between its samples. The fields mean what they mean in ``core.c``."""
+    """Where a controller is between its samples. ``core.c`` explains the fields of the same names."""
 
     origin: float = 0.0
     sample: int = 0
@@ -64,7 +73,7 @@ class Ticks:
     step_per_sample: float = 0.0
 
     def instant(self, T_s: float, ahead: int = 0) -> float:
-        """The next sampling instant on the importer's clock, or the one so many behind it, s."""
+        """Time in s on the importer's clock of the next sampling instant, or of the one ``ahead`` instants later."""
         return self.origin + (self.sample + ahead) * T_s
 
     def at_instant(self, T_s: float, time: float) -> bool:
@@ -74,9 +83,9 @@ class Ticks:
         return abs(time - self.instant(T_s)) <= same_instant(T_s, time)
 
     def begin(self, T_s: float, time: float, step: float) -> float:
-        """Bring the count to the beginning of a step; the number of samples in the step."""
+        """Move the count to the beginning of a step; returns the number of samples in the step."""
         end, near = time + step, same_instant(T_s, time)
-        difference = end - time == step  # taken between two times it is only as exact as these are
+        difference = end - time == step  # a difference of two times is only as exact as the times are
         if step != self.step or (difference and self.step_per_sample == 0.0):
             slack = EPSILON * (32.0 * step + (2.0 * abs(end) if difference else 0.0))
             self.step = step
@@ -98,7 +107,7 @@ class Ticks:
         return self._by_time(T_s, end - near)
 
     def _by_time(self, T_s: float, last: float) -> float:
-        """The number of instants before ``last``."""
+        """The number of sampling instants before the time ``last``."""
         samples = (last - self.instant(T_s)) / T_s
         if samples > MOST_TICKS:
             return samples
@@ -110,7 +119,7 @@ class Ticks:
         return float(due)
 
     def is_sound(self) -> bool:
-        """Whether one can go on with these values, wherever they come from."""
+        """Whether the values are consistent; they may come from a saved FMU state."""
         counts = (self.per_sample, self.step_per_sample)
         return (
             math.isfinite(self.origin)
@@ -121,6 +130,6 @@ class Ticks:
         )
 
     def end(self, samples: float) -> None:
-        """Move the count to the end of a step in which so many samples were taken."""
+        """Move the count to the end of a step in which ``samples`` samples were taken."""
         if self.per_sample > 0.0:
             self.ahead += samples * self.per_sample - self.step_ticks

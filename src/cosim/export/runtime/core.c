@@ -2,12 +2,12 @@
 
    model.c defines the sizes, the table of variables, the traced functions and their variants, and includes the interface
    (fmi2.c or fmi3.c), which includes this file. The interface defines
-     Host      what it keeps of the importer, a plain struct,
+     Host        a plain struct with what it keeps of the importer,
      UNFINISHED  the status of a step that failed,
      type_names  its name of each type of variable,
-     deliver   which hands a message to the importer.
+     deliver     a function that hands a message to the importer.
    A variable's value reference is its index in State.v, whose order is parameters, inputs, states, outputs, derivatives,
-   solver counters. All that an instance remembers is in State, so copying an FMU state is copying that struct. */
+   solver counters. State holds all that an instance remembers, so an FMU state is a copy of that struct. */
 #include <float.h>
 #include <math.h>
 #include <stdarg.h>
@@ -42,9 +42,10 @@ typedef struct {
     double per_sample;
 } Fraction;
 
-/* Two counts of ticks are equal if they differ by less than this: counts are whole, unless counting began between ticks. */
+/* Two counts of ticks that differ by less than this are equal. Counts are whole unless counting began between ticks. */
 #define SAME_TICK 1e-6
-/* Beyond these a count is no longer exact to SAME_TICK, and any number would be a fraction. */
+/* Largest ticks of a step and of a sampling time: with more, a count is no longer exact to SAME_TICK, and any ratio of
+   step and sampling time would pass as a fraction. */
 #define MOST_TICKS 1e9
 #define MOST_PER_SAMPLE 1e5
 
@@ -70,7 +71,7 @@ typedef struct {
     int outputs_dirty;
     int derivatives_dirty;
     int sampled; /* controller: outputs and next belong to the inputs at the coming sampling instant */
-    int finite;  /* states and outputs are, as they were computed last */
+    int finite;  /* states and outputs were finite when they were last computed */
     int told[AT_LEAST_1(N_NOTES)]; /* each note is told once */
 } State;
 
@@ -111,7 +112,7 @@ static const char *phase_name(int phase) {
     return phase_names[k];
 }
 
-/* Whether a call is legal now; if not it is logged and the instance fails. */
+/* Whether a call is not allowed in the present phase: then it is logged and the instance fails. */
 static int illegal(Instance *instance, int phases, const char *function) {
     if (!instance) return 1;
     if (instance->s.phase & phases) return 0;
@@ -170,7 +171,7 @@ static int broken_rule(State *s) {
 /* Index of the first value that is not finite, else -1. */
 static int not_finite(const double *x, int n) {
     int bad = 0;
-    for (int i = 0; i < n; i++) bad |= !(fabs(x[i]) <= DBL_MAX); /* without a branch: almost always all are */
+    for (int i = 0; i < n; i++) bad |= !(fabs(x[i]) <= DBL_MAX); /* no branch: almost always all are finite */
     if (!bad) return -1;
     for (int i = 0; i < n; i++)
         if (!isfinite(x[i])) return i;
@@ -188,7 +189,7 @@ static void take_sample(State *s, double t) {
 }
 #endif
 
-/* Bring what an importer may read up to date with inputs, parameters and time. */
+/* Update everything that an importer may read to the present inputs, parameters and time. */
 static void refresh(State *s, int derivatives) {
     refresh_parameters(s);
     if (s->outputs_dirty) {
@@ -226,7 +227,7 @@ static void set_start_values(State *s) {
     touch(s);
 }
 
-/* Whether an instance may be made of name and token; if not it is said through probe. */
+/* Whether name and token allow an instance; if not, probe delivers the reason. */
 static int acceptable(const Instance *probe, const char *name, const char *token, const char *function) {
     if (!name || !*name) {
         say(probe, ERROR, SAY_NO_NAME, function);
@@ -239,7 +240,7 @@ static int acceptable(const Instance *probe, const char *name, const char *token
     return 1;
 }
 
-/* A new instance, or NULL with a message through probe. */
+/* A new instance, or NULL; then probe delivers the reason. */
 static Instance *make_instance(const Instance *probe, const char *name, Host host, int model_exchange, int logging,
                                const char *function) {
     const size_t length = strlen(name) + 1;
@@ -305,7 +306,7 @@ static int not_finite_result(const State *s) {
     return i < 0 ? i : STATE_0 + i;
 }
 
-/* Tell what is legal but suspicious. It is no matter of the call in progress, which returns OK. */
+/* Log the notes, which tell what is legal but suspicious. They do not change the status of the call in progress. */
 static void tell_notes(Instance *instance, const char *function) {
 #if N_NOTES > 0
     State *s = &instance->s;
@@ -324,7 +325,7 @@ static void tell_notes(Instance *instance, const char *function) {
 #endif
 }
 
-/* Check what parameters must hold together, and the initial values; then go to ``phase``. */
+/* Check the rules between parameters and the initial values; then go to ``phase``. */
 static int leave_initialization(Instance *instance, int phase, const char *function) {
     State *s = &instance->s;
     int i = broken_rule(s);
@@ -417,7 +418,7 @@ static int refused(Instance *instance, unsigned reference, double value, const c
     return DISCARD;
 }
 
-/* Some importers set all parameters again once initialization has ended: to the same value nothing changes. */
+/* Whether the variable already has this value: some importers set all parameters again after initialization. */
 static int unchanged(const State *s, unsigned reference, double value) {
     const int role = variables[reference].role;
     return (role == FIXED || role == TUNABLE) && !(s->phase & BEFORE) && s->v[reference] == value;
@@ -473,8 +474,8 @@ static int discard_result(Instance *instance, unsigned reference, const char *fu
 
 /* ---- derivatives ---- */
 
-/* Place of an unknown (state derivatives, then outputs) or a known (continuous states, then inputs) among those of
-   their kind, else -1 with a message. */
+/* Index of an unknown (state derivatives, then outputs) or of a known variable (continuous states, then inputs) among
+   all of its kind; -1 with a message if the variable is neither. */
 static int row_of(Instance *instance, unsigned reference, const char *function) {
     if (unknown(instance, reference, REAL, function)) return -1;
     if (variables[reference].role == DERIVATIVE) return (int)reference - DERIVATIVE_0;
@@ -606,7 +607,7 @@ static int state_derivatives(Instance *instance, double derivatives[], size_t n,
     return DISCARD;
 }
 
-/* There are none. */
+/* There are no event indicators. */
 static int event_indicators(Instance *instance, const double indicators[], size_t n, const char *function) {
     return illegal(instance, MAY_GET_CONTINUOUS, function) || wrong_length(instance, indicators, n, 0, function) ? ERROR
                                                                                                                  : OK;
@@ -689,7 +690,7 @@ static int advance(Instance *instance, double step, double end, const char *func
 }
 #endif
 
-/* Whether a step may be taken now from ``time`` on. */
+/* Whether a step from ``time`` may be taken now. */
 static int steppable(Instance *instance, double time, double step, const char *function) {
     const State *s = instance ? &instance->s : NULL;
     const double end = time + step;
@@ -704,7 +705,7 @@ static int steppable(Instance *instance, double time, double step, const char *f
         fail(instance);
         return 0;
     }
-    /* the time of an importer that adds up may be off by the rounding of each sum */
+    /* an importer may add up its time, t += h: then each step adds a rounding error */
     if (end > s->stop && end > s->stop + 1e-6 * step + (8.0 + (double)s->steps) * DBL_EPSILON * fabs(s->stop)) {
         say(instance, ERROR, SAY_BEHIND_STOP, function, end, s->stop);
         fail(instance);
@@ -728,7 +729,7 @@ static int step_to(Instance *instance, double time, double step, const char *fun
         refresh(s, 0);
         if (!s->finite) {
             say(instance, UNFINISHED, SAY_RESULT_NOT_FINITE, function, variables[not_finite_result(s)].name, s->time);
-            s->time = time; /* the last one that was successful */
+            s->time = time; /* end of the last successful step */
             s->phase = STEP_FAILED;
             return UNFINISHED;
         }

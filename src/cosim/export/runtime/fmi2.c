@@ -28,7 +28,7 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
                                           const fmi2CallbackFunctions *callbacks, fmi2Boolean visible,
                                           fmi2Boolean logging) {
     static const char function[] = "fmi2Instantiate";
-    Instance probe; /* a refusal to exist is always said */
+    Instance probe; /* delivers the reason of a refused instance, even if logging is off */
     (void)resources;
     (void)visible;
     if (!callbacks) return NULL;
@@ -94,7 +94,7 @@ FMI2_EXPORT fmi2Status fmi2Reset(fmi2Component c) {
 FMI2_EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], size_t n,
                                    fmi2Real values[]) {
     Instance *instance = c;
-#if PLAIN_OUTPUTS /* what happens at every step, in one pass */
+#if PLAIN_OUTPUTS /* a faster path for the call of every step: one pass */
     if (instance && references && values && instance->s.phase & EVALUATED) {
         size_t i = 0;
         refresh(&instance->s, 0);
@@ -144,7 +144,7 @@ FMI2_EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference ref
     Instance *instance = c;
     int status = OK;
     size_t i = 0;
-#if PLAIN_INPUTS /* what happens at every step, in one pass */
+#if PLAIN_INPUTS /* a faster path for the call of every step: one pass */
     if (instance && references && values && instance->s.phase & MAY_SET) {
         while (i < n && references[i] - INPUT_0 < N_INPUTS && fabs(values[i]) <= DBL_MAX) {
             instance->s.v[references[i]] = values[i];
@@ -185,7 +185,7 @@ FMI2_EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference r
     return prepare_set(c, references, n, values, STRING, "fmi2SetString") ? fmi2Error : fmi2OK;
 }
 
-/* For calls that only n == 0 variables can be passed to. */
+/* Calls on variables that these FMUs do not have: only n == 0 is allowed. */
 enum { INPUT_DERIVATIVES, OUTPUT_DERIVATIVES };
 static fmi2Status not_offered(Instance *instance, int phases, size_t n, int what, const char *function) {
     if (illegal(instance, phases, function)) return fmi2Error;
@@ -320,7 +320,7 @@ FMI2_EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {
     return fail(instance);
 }
 
-/* The only kind of status there is for a type; others are discarded. */
+/* For this type of value only the status kind ``known`` exists: a call for another kind is discarded. */
 static fmi2Status only(Instance *instance, fmi2StatusKind kind, fmi2StatusKind known, const void *value,
                        const char *function, const char *name) {
     if (illegal(instance, MAY_ASK_STATUS, function) || missing(instance, value, 1, function)) return fmi2Error;

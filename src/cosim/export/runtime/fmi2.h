@@ -42,7 +42,7 @@ typedef struct {
 } fmi2EventInfo;
 
 #if defined FMI2_EXPORT            /* a program that includes the sources may define it */
-#elif defined FMI2_FUNCTION_PREFIX /* one of several FMUs in a program */
+#elif defined FMI2_FUNCTION_PREFIX /* the program holds several FMUs */
 #define FMI2_EXPORT
 #elif defined _WIN32
 #define FMI2_EXPORT __declspec(dllexport)

@@ -1,9 +1,9 @@
 /* FMI 3.0 co-simulation, and model exchange for plants; included by the generated model.c.
 
-   Arrays: lengths, of model.c, has the number of elements of the variable with a value reference, 0 behind its first.
-   The last of the references is that of time.
-   Event mode: a controller's sampling instants are its events. An importer that uses it gets a controller's answer to
-   the inputs of a sampling instant without delay: set them and read outputs there, before fmi3EnterStepMode. */
+   Arrays: lengths[reference], in model.c, is the number of elements of the variable with that value reference. It is 0
+   for the further elements of an array. The last value reference is that of time.
+   Event mode: the sampling instants of a controller are its events. An importer that uses event mode gets the outputs
+   for the inputs of a sampling instant without delay: it sets inputs and reads outputs before fmi3EnterStepMode. */
 #include "contract.h"
 #include "fmi3.h"
 
@@ -27,7 +27,7 @@ static void deliver(const Instance *instance, int status, const char *category, 
     char *to = escaped;
     if (!instance->host.log) return;
     for (const char *from = text; *from; *to++ = *from++)
-        if (*from == '#') *to++ = '#'; /* a single one would begin a value reference */
+        if (*from == '#') *to++ = '#'; /* FMI 3.0: a single # would begin a value reference */
     *to = '\0';
     instance->host.log(instance->host.environment, (fmi3Status)status, category, escaped);
 }
@@ -38,7 +38,7 @@ FMI3_EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 
 enum { NOTHING, FOR_CO_SIMULATION_ONLY, NO_EVENT_MODE, NO_INTERMEDIATE_UPDATE, NO_SCHEDULED_EXECUTION };
 
-/* An instance, or NULL with a message, which an importer gets even if logging is off. */
+/* An instance, or NULL with a message, which the importer gets even if logging is off. */
 static Instance *instantiate(const char *name, const char *token, Host host, int model_exchange, int logging,
                              int missed, const char *function) {
     Instance probe;
@@ -135,7 +135,7 @@ FMI3_EXPORT fmi3Status fmi3EnterEventMode(fmi3Instance c) {
         return fail(instance);
     }
     instance->s.phase = EVENT_MODE;
-    instance->s.outputs_dirty = 1; /* a sampling instant has outputs of its own, whether or not inputs are set */
+    instance->s.outputs_dirty = 1; /* outputs change at a sampling instant even if no input is set */
     return fmi3OK;
 }
 
@@ -150,7 +150,7 @@ FMI3_EXPORT fmi3Status fmi3Reset(fmi3Instance c) {
 
 /* ---- values ---- */
 
-/* Whether n known variables have n_values elements together; if not it is logged. */
+/* Whether the n variables, all known, have n_values elements in total; if not, it is logged. */
 static int sized(Instance *instance, const fmi3ValueReference references[], size_t n, size_t n_values,
                  const char *function) {
     size_t expected = 0;
@@ -202,7 +202,7 @@ FMI3_EXPORT fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r
     return status;
 }
 
-/* Numbers and Booleans, which are no arrays. */
+/* Functions for integers and Booleans, which are never arrays. */
 #define GET_AND_SET(NAME, type, kind, value)                                                                   \
     FMI3_EXPORT fmi3Status fmi3Get##NAME(fmi3Instance c, const fmi3ValueReference references[], size_t n,      \
                                          type values[], size_t n_values) {                                     \
@@ -267,7 +267,7 @@ FMI3_EXPORT fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference ref
     return prepare_write(c, references, n, values, n, CLOCK, "fmi3SetClock") ? fmi3Error : fmi3OK;
 }
 
-/* A function that these FMUs do not offer: it is an error, with a reason. */
+/* A function that these FMUs do not offer: a call is an error, and the message gives the reason. */
 #define REFUSE(instance, function, text)              \
     do {                                              \
         if (!illegal(instance, MAY_CALL, function)) { \
@@ -342,7 +342,7 @@ FMI3_EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte by
 
 /* ---- derivatives ---- */
 
-/* Whether there are as many seeds and results as variables, which are no arrays here; if not it is logged. */
+/* Whether there are as many seeds or results as variables, none of which is an array; if not, it is logged. */
 static int one_each(Instance *instance, size_t n, size_t given, const char *function) {
     if (n == given) return 1;
     say(instance, ERROR, SAY_ONE_EACH, function, (unsigned long)given, (unsigned long)n);
@@ -395,10 +395,11 @@ FMI3_EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueR
 /* ---- events ---- */
 
 #if KIND == CONTROLLER
-/* The first sampling instant behind the time of the instance. */
+/* The first sampling instant after the present time of the instance. */
 static double next_instant(const State *s) { return instant_ahead(s, at_sampling_instant(s)); }
 
-/* Whether there is a sampling instant between the beginning of a step and its end; where to go in the importer's time. */
+/* Whether there is a sampling instant between the beginning and the end of a step. *next is the time of the first
+   sampling instant after the beginning, on the importer's clock. */
 static int instant_within(State *s, double step, double end, double *next) {
     const double behind = at_sampling_instant(s) ? 1.0 : 0.0;
     count_ticks(s, step, end);

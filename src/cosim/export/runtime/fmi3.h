@@ -41,7 +41,7 @@ typedef void (*fmi3UnlockPreemptionCallback)(void);
 #define FMI3_ACTUAL_FUNCTION_PREFIX FMI3_FUNCTION_PREFIX
 #endif
 #if defined FMI3_EXPORT                   /* a program that includes the sources may define it */
-#elif defined FMI3_ACTUAL_FUNCTION_PREFIX /* one of several FMUs in a program */
+#elif defined FMI3_ACTUAL_FUNCTION_PREFIX /* the program holds several FMUs */
 #define FMI3_EXPORT
 #elif defined _WIN32
 #define FMI3_EXPORT __declspec(dllexport)

@@ -1,7 +1,7 @@
 /* One-step method of order 5 with exact Jacobian, L-stable, three evaluations of the derivative a step.
 
-   As in exponential Rosenbrock methods (Hochbruck, Ostermann, Schweitzer, SIAM J. Numer. Anal. 47, 2009) the part linear
-   about the start of the step is solved as such; only the remainders of the derivative,
+   As in exponential Rosenbrock methods (Hochbruck, Ostermann, Schweitzer, SIAM J. Numer. Anal. 47, 2009) the equations
+   linearized at the start of the step are solved directly; only the remainders of the derivative,
        D(V) = h f(x + V) - h f(x) - h J V,
    are evaluated, at a node and at the end of the step. Polynomials in W = (I - gamma h J)^-1 stand for the exponential
    functions, so a step costs one small inverse and its products with vectors. Such a method is a Rosenbrock method
@@ -83,7 +83,7 @@ static int first_not_finite(const double *values, int count) {
     return -1;
 }
 
-/* One attempt of size h from (t, x) with derivative f, Jacobian and time derivative there: the solution to y.
+/* One attempt of size h from (t, x), given derivative f, Jacobian and time derivative at (t, x); y gets the solution.
    Returns the error in units of the tolerance (accept up to 1), NAN if anything is not finite. */
 static double attempt(const Problem *problem, Integrator *integrator, double t, double h, const double *x,
                       const double *f, const double *jacobian, const double *time_derivative, double *y) {
@@ -222,6 +222,7 @@ static int integrate(const Problem *problem, Integrator *integrator, double t, d
     double f[N_CONTINUOUS], time_derivative[N_CONTINUOUS], y[N_STATES];
     double jacobian[N_CONTINUOUS * N_CONTINUOUS];
     double step = integrator->step > 0.0 ? integrator->step : t_end - t;
+    /* Below this step size the rounding of the time, some 1e-16 of its value, would be a large part of the step. */
     const double smallest = 1e-15 * fmax(fabs(t), fabs(t_end));
     long attempts = 0;
     int known = 0; /* f, jacobian and time_derivative belong to (t, x) */
@@ -231,7 +232,7 @@ static int integrate(const Problem *problem, Integrator *integrator, double t, d
         y[i] = x[i];
     }
     while (t < t_end) {
-        /* The last step ends exactly at t_end; the last two share what is left, so that no tiny one remains. */
+        /* The last step ends exactly at t_end. The last two steps share the rest, so that no tiny step remains. */
         const double left = t_end - t;
         const int last = step >= 0.999 * left;
         const double h = last ? left : fmin(step, 0.5 * left);
@@ -274,7 +275,7 @@ static int integrate(const Problem *problem, Integrator *integrator, double t, d
                 }
             }
             known = 0;
-            /* A step cut short by t_end says nothing against the proposal. */
+            /* A step shortened by t_end is no reason to make the proposed step smaller. */
             const double next = h * fmin(rejected ? 1.0 : 6.0, 0.9 / sqrt(sqrt(fmax(error, 1e-8))));
             step = last && !rejected ? fmax(step, next) : next;
             rejected = 0;

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #define EVERY_CATEGORY ~0u
-/* FMI lets an importer switch off what helps to find errors, not the errors. */
+/* With logging off, FMI lets an importer suppress debug messages, but not errors. */
 #define ONLY_ERRORS (1u << LOG_ERROR)
 
 /* The category of the messages with a status. */
@@ -17,7 +17,7 @@ static int is_wanted(unsigned categories, unsigned category) {
     return (categories & (1u << category | 1u << LOG_ALL)) != 0;
 }
 
-/* The bit of a named category, 0 if there is none of that name. */
+/* The bit of a named category, 0 if there is no category of that name. */
 static unsigned category_bit(const char *name) {
     for (unsigned k = 0; name && k < N_CATEGORIES; k++)
         if (strcmp(name, category_names[k]) == 0) return 1u << k;

@@ -1,18 +1,19 @@
-/* FMU states: made, restored, as bytes and back; included by core.c. */
+/* Functions that make, restore, serialize and deserialize FMU states; included by core.c. */
 
-/* What an importer gets as FMU state, and as its bytes. The layout belongs to this binary; the guid tells another one. */
+/* An FMU state as the importer gets it, also in bytes. The layout is that of this binary; the guid shows whether a
+   state comes from another one. */
 typedef struct {
     char guid[40];
     unsigned version;
     int model_exchange;
     unsigned long long size;
     State s;
-    unsigned long long checksum; /* of all before it, in bytes only */
+    unsigned long long checksum; /* of all members before it; set in serialized states only */
 } Saved;
 #define STATE_VERSION 2u
 typedef char saved_has_no_gap[sizeof(Saved) == offsetof(Saved, checksum) + sizeof(unsigned long long) ? 1 : -1];
 
-/* FNV-1a over words. A word that differs gives another sum for certain, for all that follows is one to one. */
+/* FNV-1a over words. If a single word differs, the sum always differs: every later step maps one to one. */
 static unsigned long long checksum(const Saved *saved) {
     unsigned long long sum = 14695981039346656037ull, word;
     for (size_t i = 0; i < offsetof(Saved, checksum); i += sizeof word) {
@@ -22,7 +23,7 @@ static unsigned long long checksum(const Saved *saved) {
     return sum;
 }
 
-/* Whether a state was made by this FMU, and can be gone on with: its bytes may come from anywhere. */
+/* Whether this FMU made the state and can continue from it: its bytes may come from anywhere. */
 static int is_own(const Saved *saved) {
     return strncmp(saved->guid, MODEL_GUID, sizeof saved->guid) == 0 && saved->version == STATE_VERSION &&
            saved->size == sizeof *saved;
@@ -48,7 +49,7 @@ static int is_sound(const State *s) {
            s->integrator.failing < AT_LEAST_1(N_CONTINUOUS);
 }
 
-/* Memory for a state where *saved points to none yet. */
+/* The memory that *saved points to; new memory if it is NULL. */
 static Saved *memory_for(Instance *instance, void **saved, const char *function) {
     Saved *copy = *saved ? *saved : calloc(1, sizeof *copy);
     if (!copy) {
