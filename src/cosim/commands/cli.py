@@ -33,7 +33,7 @@ from . import (
     verify,
 )
 from .console import log_on_standard_error, print_error
-from .surroundings import check_working_folder, explain, keep_to_one_thread, prepare_streams
+from .surroundings import check_working_folder, explain, keep_to_one_thread, prepare_streams, replace_missing_home
 
 COMMANDS = (
     *(run, compare, check, export, info, list, fmus, study, verify, build),
@@ -48,6 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     prepare_streams()
     keep_to_one_thread()
+    replace_missing_home()
     options = _parser().parse_args(arguments)
     return exit_code(lambda: options.command(options))
 

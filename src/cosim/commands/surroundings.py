@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import os
@@ -31,6 +32,16 @@ def keep_to_one_thread() -> None:
     of the processor time of a short run. A user who sets OPENBLAS_NUM_THREADS overrides this.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def replace_missing_home() -> None:
+    """Give Matplotlib the temporary folder for its settings if the user has no home folder.
+
+    Matplotlib before 3.11 cannot be imported otherwise. A variable MPLCONFIGDIR that is set stays.
+    """
+    if os.path.expanduser("~") == "~":
+        with contextlib.suppress(OSError):
+            os.environ.setdefault("MPLCONFIGDIR", tempfile.gettempdir())
 
 
 def check_working_folder() -> None:
