@@ -333,7 +333,7 @@ def hostile(tmp_path: Path) -> Callable[..., Sweep]:
     def made(*ways: str, **more: Any) -> Sweep:
         document = {
             "system": "hostile.toml",
-            "timeout": 1.0,
+            "timeout": 5.0,
             "parameters": {"h.label": list(ways)},
             "metrics": {"last": {"of": "last", "signal": "h.clock"}},
             **more,
@@ -350,7 +350,7 @@ def test_runs_that_crash_exit_or_hang_are_recorded_and_stop_no_other(
     reasons = {
         "segv": "crashed: SIGSEGV",
         "exit 0": "exit code 0",
-        "hang": "did not end within 1 s",
+        "hang": "did not end within 5 s",
         "close all": "closed the connection",
         "kill": "killed 3 times",
     }
