@@ -190,12 +190,19 @@ def serve() -> None:
             # If memory runs out, Linux shall end this worker, not another process.
             Path("/proc/self/oom_score_adj").write_text("1000")
     calls: queue.SimpleQueue[tuple[Callable[..., Any], tuple[Any, ...]]] = queue.SimpleQueue()
+    owner = os.getppid()
 
     def receive() -> None:
         """Receive calls until the owner is gone; then end the process and all its children, even if an FMU hangs."""
-        with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):
+        try:
             while True:
                 calls.put(pickle.load(asked))
+        except EOFError:
+            pass
+        except (OSError, pickle.UnpicklingError):
+            # An FMU has closed this connection. The owner learns it from the answer, or from the end of the answers.
+            while os.getppid() == owner:
+                clock_time.sleep(POLL_SECONDS)
         if hasattr(os, "killpg"):
             os.killpg(0, signal.SIGKILL)
         os._exit(1)
@@ -214,7 +221,16 @@ def serve() -> None:
             answer = "run", "the memory is used up."
         except BaseException:
             answer = "bug", traceback.format_exc()
-        answers.send((*answer, _surroundings() == clean))
+        answers.send((*answer, _surroundings() == clean and _is_open(asked)))
+
+
+def _is_open(file: BinaryIO) -> bool:
+    """Whether nobody has closed the file below Python."""
+    try:
+        os.fstat(file.fileno())
+    except OSError:
+        return False
+    return True
 
 
 def _surroundings() -> tuple[object, ...]:
