@@ -25,6 +25,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import CosimError
+from ..files import write_file
 from ..fmu.variables import Value, Variable
 from ..system.parts import Instance
 from ..system.samples import sampling_time
@@ -297,9 +298,7 @@ def _main() -> None:
     job, file = (Path(argument) for argument in sys.argv[1:])
     document, name, folder, fmus = pickle.loads(job.read_bytes())
     found = _try(make_system(document, name=name, folder=folder, fmus=fmus), file.with_suffix(".at"))
-    part = file.with_suffix(".part")
-    part.write_text(json.dumps(asdict(found)), encoding="utf-8")
-    os.replace(part, file)
+    write_file(file, json.dumps(asdict(found)))
     # The findings are written. Exit at once, so that an FMU that crashes during unloading does no harm.
     os._exit(0)
 
