@@ -99,6 +99,27 @@ class Plant:
         inertia, reversals, disturbance = 2.0 * 5e-3 * math.pi**2, 2.0 * self.F_C / self.M, 12.0 * 0.05
         return self.M * (inertia + reversals + disturbance)
 
+    def sliding_mode(self, gains: Gains, *, model: bool) -> tuple[Start, float, float]:
+        """What the sliding-mode controllers share: start values, reserve of acceleration in m/s2, gain in N.m."""
+        l_p = self.lead
+        inertia = self.M * l_p**2
+        sigma_0, sigma_1, sigma_2, v_s = self.friction
+        reserve = self.reserve * 8.0 * gains.integral / gains.fast
+        common = {
+            "l_p": l_p,
+            "J_hat": inertia,
+            "lambda_": gains.position,
+            "sigma_0_hat": sigma_0,
+            "sigma_1_hat": sigma_1 if self.F_S > 0.0 else 0.0,
+            "sigma_2_hat": sigma_2 if self.F_S > 0.0 else self.B * l_p**2,
+            "F_C_hat": max(0.8 * self.F_C * l_p, 1e-9),
+            "F_S_hat": max(0.8 * self.F_S * l_p, 1e-9),
+            "v_s_hat": v_s,
+            "friction_velocity": "reference" if model or self.F_S == 0.0 else "none",
+            "command_max": self.force_max * l_p,
+        }
+        return common, reserve, self.F_S * l_p + inertia * reserve / l_p
+
 
 PLANTS = {
     "shams": Plant(
