@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..result.compare import spectrum
-from ..result.metrics import Array
+from ..result.metrics import Array, max_abs, nrmse_fit, relative_rms, rms
 
 NORMAL = 1.959963984540054
 """95 % of a normal distribution lie within this number of standard deviations."""
@@ -227,7 +227,7 @@ def repeatability(time: Array, signal: Array, period: float) -> float:
     if not len(inside):
         return math.nan
     later = np.interp(inside + period, time, signal)
-    return math.sqrt(float(np.mean((later - signal[: len(inside)]) ** 2)))
+    return rms(later - signal[: len(inside)])
 
 
 def agreement(measured: Array, expected: Array, about: Array | None = None) -> Mapping[str, float]:
@@ -239,12 +239,9 @@ def agreement(measured: Array, expected: Array, about: Array | None = None) -> M
     """
     off = measured - expected
     signal = measured if about is None else measured - about
-    rms = math.sqrt(float(np.mean(off**2)))
-    size = math.sqrt(float(np.mean(signal**2)))
-    variation = float(np.std(signal))
     return {
-        "rms": rms,
-        "largest": float(np.max(np.abs(off))),
-        "relative": 100.0 * rms / size if size > 0.0 else math.nan,
-        "fit": 100.0 * (1.0 - rms / variation) if variation > 0.0 else math.nan,
+        "rms": rms(off),
+        "largest": max_abs(off),
+        "relative": 100.0 * relative_rms(off, signal),
+        "fit": nrmse_fit(off, signal),
     }

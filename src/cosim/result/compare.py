@@ -17,7 +17,7 @@ from ..errors import DescriptionError, suggest
 from ..record.read import Record
 from ..units import conversion
 from .align import Pairs, estimate_delay, pair, resample, side_of
-from .metrics import Array, max_abs, mean, rms, sine_amplitude
+from .metrics import Array, max_abs, mean, nrmse_fit, relative_rms, rms, sine_amplitude
 from .summary import Recorded, loops
 
 SEGMENTS = 8
@@ -234,8 +234,6 @@ def _difference(
     a, b = values
     off = b - a
     finite = bool(np.all(np.isfinite(off)))
-    size = rms(a) if finite else math.nan
-    norm = float(np.linalg.norm(a - np.mean(a))) if finite else math.nan
     tube = None if tolerance is None else _tube(time, a, tolerance)
     return Difference(
         *said,
@@ -246,8 +244,8 @@ def _difference(
         at=float(time[int(np.argmax(np.abs(off)))]),
         rms=rms(off),
         mean=mean(off),
-        relative=rms(off) / size if size > 0.0 else math.nan,
-        fit=100.0 * (1.0 - float(np.linalg.norm(off)) / norm) if norm > 0.0 else math.nan,
+        relative=relative_rms(off, a),
+        fit=nrmse_fit(off, a),
         spectrum=spectrum(time, off) if finite and np.any(off) and time.size >= 2 * SEGMENTS else None,
         tube=tube,
         outside=None if tube is None else _outside(time, b, tube),

@@ -74,6 +74,18 @@ def std(signal: Array) -> float:
     return peak * float(np.std(signal / peak)) if peak > 0.0 else peak
 
 
+def relative_rms(difference: Array, signal: Array) -> float:
+    """rms of ``difference`` as a fraction of the rms of ``signal``; NaN if ``signal`` is 0 everywhere."""
+    size = rms(signal)
+    return rms(difference) / size if size > 0.0 else math.nan
+
+
+def nrmse_fit(difference: Array, signal: Array) -> float:
+    """100*(1 - norm(difference)/norm(signal - mean)) %, as in system identification; NaN if ``signal`` is constant."""
+    size = std(signal)
+    return 100.0 * (1.0 - rms(difference) / size) if size > 0.0 else math.nan
+
+
 def mean(signal: Array) -> float:
     """Arithmetic mean."""
     _need(signal)
