@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PYTHON CONSTRAINTS
 
-.PHONY: demo test lint fmus wheel study bench conformance platforms lowest constraints clean build-tools test-tools lint-tools
+.PHONY: demo test lint fmus wheel study bench docs conformance platforms lowest constraints clean build-tools test-tools \
+	lint-tools docs-tools
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
@@ -27,6 +28,11 @@ fmus: build-tools
 wheel: build-tools
 	$(BIN)/python build_fmus.py --platform all --output build/fmus/release
 	$(BIN)/hatchling build --directory build/dist
+
+# the documentation as a site, build/site/html/index.html: its tutorials and examples run while it is built
+docs: docs-tools fmus
+	$(BIN)/python -m docs.build
+	$(BIN)/python -m pytest tests/docs/site.py
 
 study: test-tools fmus
 	for name in $(notdir $(wildcard studies/*)); do \
@@ -77,3 +83,5 @@ test-tools:
 	@sh .ci/venv build importers test
 lint-tools:
 	@sh .ci/venv build importers test lint
+docs-tools:
+	@sh .ci/venv build docs test

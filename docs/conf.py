@@ -1,0 +1,46 @@
+"""Sphinx configuration of the documentation; build.py runs it on a copy of this folder with the generated pages.
+
+Sphinx with MyST (Markdown) and sphinx-gallery: all three are maintained, run tutorials while they build, search
+without a server, and treat warnings as errors. The theme Furo has a light and a dark face and loads nothing from
+elsewhere.
+"""
+
+from importlib.metadata import version as installed_version
+
+project = "motion-cosim"
+author = "the motion-cosim authors"
+version = release = installed_version("motion-cosim")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+exclude_patterns = ["examples", "schemas", "tutorials"]
+suppress_warnings = ["config.cache"]  # functions in the configuration below
+
+myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
+myst_heading_anchors = 4
+
+html_theme = "furo"
+html_title = "motion-cosim"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False
+pygments_style = "default"
+pygments_dark_style = "monokai"
+
+copybutton_prompt_text = "$ "
+copybutton_exclude = ".linenos, .gp, .go"
+
+sphinx_gallery_conf = {
+    "examples_dirs": ["tutorials"],
+    "gallery_dirs": ["tutorial"],
+    "filename_pattern": r"\.py$",
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,  # no times on the pages: the same sources give the same bytes
+    "write_computation_times": False,
+    "reset_modules": (),
+    "remove_config_comments": True,
+    "abort_on_example_error": True,
+}

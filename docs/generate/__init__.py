@@ -1,0 +1,9 @@
+"""Pages that are made from the code: nothing on them is written a second time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+GENERATORS: list[Callable[[Path], None]] = []
+"""Each writes its pages into the copy of docs that Sphinx reads."""
