@@ -7,6 +7,9 @@ elsewhere.
 
 from importlib.metadata import version as installed_version
 
+from sphinx import addnodes
+from sphinx.application import Sphinx
+
 project = "motion-cosim"
 author = "the motion-cosim authors"
 version = release = installed_version("motion-cosim")
@@ -45,3 +48,15 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "abort_on_example_error": True,
 }
+
+
+def _key(_: object, signature: str, node: addnodes.desc_signature) -> str:
+    """Show a key of a file by its path; its full name, for search and index, begins with the format."""
+    file, _, path = signature.partition(" ")
+    node += addnodes.desc_name(path, path)
+    return f"{file}.{path}"
+
+
+def setup(app: Sphinx) -> None:
+    """Add the directive ``key``, for keys of file formats."""
+    app.add_object_type("key", "key", "pair: %s; key of a file", parse_node=_key, objname="key of a file")
