@@ -8,10 +8,10 @@ elsewhere.
 from importlib.metadata import version as installed_version
 
 project = "motion-cosim"
-author = "the motion-cosim authors"
+author = copyright = "the motion-cosim authors, MIT licence"
 version = release = installed_version("motion-cosim")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "sphinx_gallery.gen_gallery", "docs.shell"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["examples", "schemas", "tutorials"]
 suppress_warnings = ["config.cache"]  # functions in the configuration below
