@@ -11,7 +11,14 @@ project = "motion-cosim"
 author = copyright = "the motion-cosim authors, MIT licence"
 version = release = installed_version("motion-cosim")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "sphinx_gallery.gen_gallery", "docs.shell"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+    "docs.access",
+    "docs.shell",
+]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["examples", "schemas", "tutorials"]
 suppress_warnings = ["config.cache"]  # functions in the configuration below
