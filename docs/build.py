@@ -24,7 +24,7 @@ def build(*, quick: bool = False) -> int:
     """Exit code of Sphinx; a warning is an error."""
     source = SITE / "source"
     shutil.rmtree(SITE, ignore_errors=True)
-    shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns("generate", "build.py", "__pycache__"))
+    shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns("generate", "build.py", "gallery.py", "__pycache__"))
     for write in GENERATORS:
         write(source)
     # programs that tutorials start find this cosim, and their outputs are as wide as a page

@@ -6,6 +6,9 @@ elsewhere.
 """
 
 from importlib.metadata import version as installed_version
+from typing import Any
+
+from docs.gallery import tidy
 
 project = "motion-cosim"
 author = copyright = "the motion-cosim authors, MIT licence"
@@ -42,6 +45,8 @@ sphinx_gallery_conf = {
     "examples_dirs": ["tutorials"],
     "gallery_dirs": ["tutorial"],
     "filename_pattern": r"\.py$",
+    "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
+    "ignore_repr_types": "Picture|SimpleNamespace",  # shown as pictures
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
@@ -51,3 +56,8 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "abort_on_example_error": True,
 }
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("doctree-read", tidy)
