@@ -33,23 +33,19 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[1]
-VARYING = (
-    (re.compile(r"^Time of the steps .*\n", re.MULTILINE), ""),
-    (re.compile(r"\b\d+(\.\d+)? s, \d+ times real time"), "..."),
-)
-"""What differs from run to run, and what is shown instead."""
+COMPUTING_TIME = re.compile(r"^.* times real time *\n", re.MULTILINE)
+FOLDER = re.compile(r"(?<!\S)/\S+/(?=\S)")
+"""The folders of an absolute path, up to the name of the file."""
 WIDTH = 80
 """Characters of a line of output: what a terminal would break, the page breaks, too."""
 LINKS = ("build", "docs", "fmus", "studies")
 """What lies in the folder of a page as in a checkout."""
 
 
-def cleaned(text: str, *folders: Path) -> str:
-    """A program's output without times, folders of this machine, and blanks at the ends of lines."""
-    for folder in folders:
-        text = text.replace(f"{folder}/", "").replace(str(folder), ".")
-    for pattern, shown in VARYING:
-        text = pattern.sub(shown, text)
+def cleaned(text: str) -> str:
+    """A program's output that is the same each time: no computing times, no folders of this machine, lines as wide as a
+    terminal, no blanks at their ends."""
+    text = FOLDER.sub("", COMPUTING_TIME.sub("", text))
     lines = [part for line in text.splitlines() for part in textwrap.wrap(line, WIDTH, drop_whitespace=False) or [""]]
     return "\n".join(line.rstrip() for line in lines).strip("\n")
 
@@ -62,7 +58,7 @@ class Block(SphinxDirective):
     def output(self, line: str, folder: Path, expected: int) -> str:
         """What a command prints; another exit code than the expected one fails the build."""
         ended = subprocess.run(line, shell=True, cwd=folder, capture_output=True, text=True, check=False)
-        output = cleaned(ended.stdout + ended.stderr, folder, ROOT)
+        output = cleaned(ended.stdout + ended.stderr)
         if ended.returncode != expected:
             raise self.severe(f"{line}\nended with {ended.returncode}, not {expected}:\n{output}")
         self.env.app.commands_run += 1  # pyright: ignore[reportAttributeAccessIssue]
@@ -133,15 +129,6 @@ def page_folder(app: Sphinx, page: str) -> Path:
     return folder
 
 
-def clean_tutorials(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Times and folders of this machine leave what the tutorials printed."""
-    if docname.startswith("tutorial/"):
-        for folder in (ROOT,):
-            source[0] = source[0].replace(f"{folder}/", "").replace(str(folder), ".")
-        for pattern, shown in VARYING:
-            source[0] = pattern.sub(shown, source[0])
-
-
 def count(app: Sphinx, error: Exception | None) -> None:
     """How many commands ran, for whoever reads the build."""
     if error is None and app.config.run_commands:
@@ -154,6 +141,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_config_value("run_commands", True, "env", bool)
     app.add_directive("run", Run)
     app.add_directive("file", File)
-    app.connect("source-read", clean_tutorials)
     app.connect("build-finished", count)
     return {"version": "1", "parallel_read_safe": False}
