@@ -13,12 +13,12 @@ def test_the_nearest_name_is_meant() -> None:
 
 def test_a_word_of_the_meaning_is_meant() -> None:
     known = {**MANY, "m": "Moving mass of table", "sigma_0": "Stiffness of the bristles"}
-    assert suggest("mass", known) == " Did you mean 'm' (Moving mass of table)?"
-    assert suggest("bristle_stiffness", known) == " Did you mean 'sigma_0' (Stiffness of the bristles)?"
+    assert suggest("mass", known, known) == " Did you mean 'm' (Moving mass of table)?"
+    assert suggest("bristle_stiffness", known, known) == " Did you mean 'sigma_0' (Stiffness of the bristles)?"
 
 
 def test_a_word_of_many_meanings_says_too_little() -> None:
-    assert suggest("value", MANY) == ""
+    assert suggest("value", MANY, MANY) == ""
 
 
 def test_few_names_are_listed_many_are_not() -> None:

@@ -83,7 +83,7 @@ def suggest_variable(
     known = {v.name: v.description for v in chosen if "[" in name or not v.name.endswith("]")} | dict.fromkeys(
         arrays, ""
     )
-    return suggest(name, known) or ("" if path is None else f" Its variables: cosim info {path}")
+    return suggest(name, known, known) or ("" if path is None else f" Its variables: cosim info {path}")
 
 
 def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:
