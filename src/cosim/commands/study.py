@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.markup import escape
 
+from ..extras import require
 from .console import Bar, fmus_argument, make_table, print_error, standard_output
 
 
@@ -53,6 +54,7 @@ def main(
     from ..study import Outcome, find_study, judge, load_study, matching_runs, run_study
     from ..study.report import KINDS, STYLES, counts, values, write_report
 
+    require("matplotlib", "the report of a study")
     folder = find_study(name)
     study = load_study(folder)
     total = len(matching_runs(study, runs))
