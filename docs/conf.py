@@ -11,10 +11,17 @@ from typing import Any
 from docs.gallery import tidy
 
 project = "motion-cosim"
-author = "the motion-cosim authors"
+author = copyright = "the motion-cosim authors, MIT licence"
 version = release = installed_version("motion-cosim")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+    "docs.access",
+    "docs.shell",
+]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["examples", "schemas", "tutorials"]
 suppress_warnings = ["config.cache"]  # functions in the configuration below

@@ -8,7 +8,6 @@ text for readers who do not see it.
 from __future__ import annotations
 
 import ast
-import re
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,7 @@ from docutils import nodes
 from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
-COMPUTING_TIME = re.compile(r"^.* times real time *\n", re.MULTILINE)
-FOLDER = re.compile(r"(?<!\S)/\S+/(?=\S)")
-"""The folders of an absolute path, up to the name of the file."""
+from docs.shell import cleaned
 
 
 def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
@@ -53,8 +50,7 @@ def tidy(app: Any, doctree: nodes.document) -> None:
     """Take computing times and folders of this machine from what the cells printed."""
     for block in doctree.findall(nodes.literal_block):
         if "sphx-glr-script-out" in block["classes"]:
-            lines = FOLDER.sub("", COMPUTING_TIME.sub("", block.astext())).splitlines()
-            text = "\n".join(line.rstrip() for line in lines)
+            text = cleaned(block.astext())
             block.rawsource = text  # Sphinx colours a block only if the two are equal
             block.children = [nodes.Text(text)]
             block.children[0].parent = block
