@@ -2,7 +2,7 @@ r"""Use the FMUs in your own tool
 =============================
 
 You have a tool that imports FMUs: Simulink, Dymola, OpenModelica, OMSimulator, or a program of your own. This tutorial
-takes three FMUs out of the package, looks at them, couples them to a closed loop in 20 lines of another program (FMPy),
+takes three FMUs out of the package, looks at them, couples them to a closed loop with some 20 lines of another program (FMPy),
 and shows the figure that tells whether the coupling is right. The loop is a reference position, a fuzzy sliding-mode
 controller and a ballscrew stage with LuGre friction, sampled at 10 kHz.
 
@@ -64,8 +64,8 @@ stage = fmpy.read_model_description(FOLDER / "fmus/BallscrewStage.fmu")
 shown = ("m", "J_rot", "l_p", "sigma_0", "sigma_1", "sigma_2", "F_C", "F_S", "v_s")
 for variable in stage.modelVariables:
     if variable.causality in ("input", "output") or variable.name in shown:
-        start = variable.start or ""
-        print(f"{variable.causality:10} {variable.name:16} {start:>12} {variable.unit:10} {variable.description}")
+        start = f"{float(variable.start):g}" if variable.start else ""
+        print(f"{variable.causality:9} {variable.name:15} {start:>9} {variable.unit:9} {variable.description}")
 
 # %%
 # One FMU alone: does it do what you know?
@@ -149,21 +149,24 @@ def loop(order, steps=10000, h=1e-4, amplitude=0.01):
     plant, p = load("BallscrewStage")
     wanted = [t["position"], t["velocity"], t["acceleration"]]
     measured = [p["position"], p["velocity"]]
-    sampled = [c["position_ref"], c["velocity_ref"], c["acceleration_ref"], c["position"], c["velocity"]]
+    sampled = [c[f"{name}_ref"] for name in ("position", "velocity", "acceleration")]
+    sampled += [c["position"], c["velocity"]]
     rows = []
     for k in range(steps):
         reference, state = trajectory.getReal(wanted), plant.getReal(measured)
-        if order == "reference first":
-            trajectory.doStep(k * h, h)
-            controller.setReal(sampled, trajectory.getReal(wanted) + state)
         if order == "sequential":
             controller.setReal(sampled, reference + state)
-        command = controller.getReal([c["command"]])
+        if order != "reference first":
+            command = controller.getReal([c["command"]])
+        trajectory.doStep(k * h, h)
+        if order == "reference first":
+            controller.setReal(sampled, trajectory.getReal(wanted) + state)
+            command = controller.getReal([c["command"]])
         if order == "parallel":
             controller.setReal(sampled, reference + state)
         plant.setReal([p["command"]], command)
-        for fmu in (trajectory, controller, plant) if order != "reference first" else (controller, plant):
-            fmu.doStep(k * h, h)
+        controller.doStep(k * h, h)
+        plant.doStep(k * h, h)
         rows.append((reference[0], state[0], command[0]))
     for fmu in (trajectory, controller, plant):
         fmu.terminate()
@@ -190,8 +193,10 @@ for order, signals in runs.items():
     print(f"{order:16} {rms(signals):.4f} um")
 
 # %%
-# ``cosim run`` couples the same FMUs with its own master. It knows both orders:
+# ``cosim run`` couples the same FMUs with its own master, in sequential order unless you say otherwise:
 run("cosim run shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01")
+
+# %%
 run("cosim run shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01 --order parallel")
 
 # %%
@@ -215,7 +220,7 @@ panels[-1].set_xlabel("Time in s")
 plt.show()
 
 # %%
-# **What to look at.** The scale of each panel. *Sequential* is a smooth error of some 0.01 um: what friction leaves.
+# **What to look at.** The scale of each panel. *Sequential* is a small, smooth error: what friction leaves.
 # *Parallel* is the same plus a fast oscillation: the loop has one sample of delay, and a controller with a high gain
 # answers with a limit cycle. *Reference first* is large and smooth: the stage follows a reference that is one sample
 # ahead, so its error is that of *sequential* less velocity times 0.1 ms:
@@ -230,6 +235,8 @@ assert abs(explained - rms(ahead)) < 0.002 * explained
 # -------------------------------------------
 #
 # The picture shows which values a step uses. A bar is a step of an FMU; an arrow carries a value.
+
+# sphinx_gallery_start_ignore
 
 
 def draw(axes, delay):
@@ -255,6 +262,7 @@ def draw(axes, delay):
 figure, (top, bottom) = plt.subplots(2, 1, figsize=(7.5, 3.9), layout="constrained")
 draw(top, delay=0)
 draw(bottom, delay=1)
+# sphinx_gallery_end_ignore
 plt.show()
 
 # %%
