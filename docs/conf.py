@@ -46,6 +46,7 @@ sphinx_gallery_conf = {
     "examples_dirs": ["tutorials"],
     "gallery_dirs": ["tutorial"],
     "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
     "ignore_repr_types": "Picture|SimpleNamespace",  # shown as pictures
     "download_all_examples": False,
