@@ -32,7 +32,7 @@ wheel: build-tools
 # the documentation as a site, build/site/html/index.html: its tutorials and examples run while it is built
 docs: docs-tools fmus
 	$(BIN)/python -m docs.build
-	$(BIN)/python -m pytest tests/docs/site.py
+	$(BIN)/python -m pytest tests/docs/built_site.py
 
 study: test-tools fmus
 	for name in $(notdir $(wildcard studies/*)); do \
@@ -78,10 +78,10 @@ clean:
 
 # what make demo needs, and what the tests need beside it
 build-tools:
-	@sh .ci/venv build
+	@sh .ci/venv build plots
 test-tools:
-	@sh .ci/venv build importers test
+	@sh .ci/venv build importers plots test
 lint-tools:
-	@sh .ci/venv build importers test lint
+	@sh .ci/venv build importers plots test lint
 docs-tools:
-	@sh .ci/venv build docs test
+	@sh .ci/venv build docs plots test

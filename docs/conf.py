@@ -6,15 +6,23 @@ elsewhere.
 """
 
 from importlib.metadata import version as installed_version
+from typing import Any
 
-from sphinx import addnodes
-from sphinx.application import Sphinx
+from docs.gallery import tidy
 
 project = "motion-cosim"
-author = "the motion-cosim authors"
+author = copyright = "the motion-cosim authors, MIT licence"
 version = release = installed_version("motion-cosim")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+    "docs.access",
+    "docs.keys",
+    "docs.shell",
+]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["examples", "schemas", "tutorials"]
 suppress_warnings = ["config.cache"]  # functions in the configuration below
@@ -39,6 +47,9 @@ sphinx_gallery_conf = {
     "examples_dirs": ["tutorials"],
     "gallery_dirs": ["tutorial"],
     "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
+    "ignore_repr_types": "Picture|SimpleNamespace",  # shown as pictures
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
@@ -50,13 +61,6 @@ sphinx_gallery_conf = {
 }
 
 
-def _key(_: object, signature: str, node: addnodes.desc_signature) -> str:
-    """Show a key of a file by its path; its full name, for search and index, begins with the format."""
-    file, _, path = signature.partition(" ")
-    node += addnodes.desc_name(path, path)
-    return f"{file}.{path}"
-
-
-def setup(app: Sphinx) -> None:
-    """Add the directive ``key``, for keys of file formats."""
-    app.add_object_type("key", "key", "pair: %s; key of a file", parse_node=_key, objname="key of a file")
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("doctree-read", tidy)

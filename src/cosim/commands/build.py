@@ -6,7 +6,6 @@ Large packages are imported only when the command runs.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CosimError, DescriptionError, FileError, suggest
+from ..extras import require
 from .console import Bar, make_table, print_error, print_note, standard_output
 from .parser import EXIT_CODES
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 LABELS: Mapping[Flavour, str] = {"native": "Native", "python": "Python", "fmi3": "Native FMI 3.0"}
 NEEDED: Mapping[str, Sequence[str]] = {
-    "native": ("casadi", "jinja2", "ziglang"),
-    "python": ("casadi", "jinja2", "pythonfmu", "ziglang"),
+    "native": ("casadi", "ziglang"),
+    "python": ("casadi", "pythonfmu", "ziglang"),
 }
 """For each flavour, the packages that it needs from the extra ``build``."""
 
@@ -91,10 +91,8 @@ def build_all(options: argparse.Namespace, workspace: Workspace, default: Path, 
     if options.fmi == 3:
         flavours = ("fmi3",)
     for flavour in flavours:
-        needed = NEEDED["python" if flavour == "python" else "native"]
-        absent = [name for name in needed if importlib.util.find_spec(name) is None]
-        if absent:
-            raise DescriptionError(f"building needs {', '.join(absent)}: install motion-cosim[build].")
+        for package in NEEDED["python" if flavour == "python" else "native"]:
+            require(package, "building")
     workspace, names = workspace.choose(options.names or tuple(workspace.components()))
     platforms = {flavour: _platforms(options.platform, flavour) for flavour in flavours}
     base, apart = options.output or default, len(flavours) > 1 or (split and options.output is None)

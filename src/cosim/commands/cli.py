@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from ..errors import CosimError, DescriptionError
+from ..extras import EXTRAS, missing
 from ..master.signals import Ended, ending_by_exception
 from . import (
     build,
@@ -40,8 +41,6 @@ COMMANDS = (
     *(sweep, identify, fit, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""
-TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
-"""Packages of the extra ``tools``. The design tools need them."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -75,9 +74,9 @@ def _guarded(command: Callable[[], int]) -> int:
         print_error(str(error))
         return 1
     except ModuleNotFoundError as error:
-        if error.name not in TOOLS:
+        if error.name is None or error.name not in EXTRAS:
             raise
-        print_error(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
+        print_error(missing(error.name, "this command"))
         return 2
     except KeyboardInterrupt as interruption:
         print_error("Interrupted.")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import common_arguments, print_note, show
+from .console import check_plot, common_arguments, print_note, show
 
 
 def add(commands: Any) -> None:
@@ -84,6 +84,7 @@ def _add_friction(identify: Any) -> None:
 def _friction(options: argparse.Namespace) -> int:
     from ..design import friction
 
+    check_plot(options.plot)
     look = friction.identify_friction(
         options.record,
         position=options.position,
@@ -118,6 +119,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
+    check_plot(options.plot)
     nct = identify.identify_nct(
         options.source,
         alpha=options.alpha,

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, common_arguments, set_argument, show
+from .console import Bar, check_plot, common_arguments, set_argument, show
 from .systems import given_values
 
 
@@ -49,6 +49,7 @@ def add(commands: Any) -> None:
 def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
 
+    check_plot(options.plot)
     values = given_values(options.values)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}

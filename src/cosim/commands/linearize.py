@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import common_arguments, print_note, set_argument, show
+from .console import check_plot, common_arguments, print_note, set_argument, show
 from .systems import given_values
 
 
@@ -49,6 +49,7 @@ def _linearize(options: argparse.Namespace) -> int:
         at = float(options.at.removeprefix("t="))
     except ValueError:
         raise DescriptionError(f"--at {options.at}: give seconds, such as t=0.01.") from None
+    check_plot(options.plot)
     values = given_values(options.values)
     file = find_system(options.source, options.fmus)
     alone = has_ending(file, ".fmu")

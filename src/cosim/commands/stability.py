@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, common_arguments, set_argument, show
+from .console import Bar, check_plot, common_arguments, set_argument, show
 from .systems import given_values
 
 
@@ -103,6 +103,7 @@ def _practical(options: argparse.Namespace) -> int:
 def _map(options: argparse.Namespace) -> int:
     from ..design.stability import limit_map, plot_limit_map, read_map
 
+    check_plot(options.plot)
     file = read_map(options.file, fmus=options.fmus)
     with Bar("Limits") as bar:
         found = limit_map(file.system, file.cases, K=file.K, timeout=file.timeout, progress=bar.update)

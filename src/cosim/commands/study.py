@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.markup import escape
 
+from ..extras import require
 from .console import Bar, fmus_argument, make_table, print_error, standard_output
 from .parser import EXIT_CODES
 
@@ -61,6 +62,7 @@ def main(
     from ..study import Outcome, find_study, judge, load_study, matching_runs, run_study
     from ..study.report import KINDS, STYLES, counts, values, write_report
 
+    require("matplotlib", "the report of a study")
     folder = find_study(name)
     study = load_study(folder)
     total = len(matching_runs(study, runs))
@@ -83,6 +85,8 @@ def main(
         heading = "Figure" if kind == "check" else "Claim"
         table = make_table("", heading, "Measured", "Verdict", title=f"{study.title}: {title}")
         for verdict in found:
+            if verdict.status == "not run":
+                continue  # the line below counts them; the report has them all
             claim = verdict.claim
             measured = values(verdict.measured, claim) if verdict.measured else verdict.reason
             style = STYLES[verdict.status]

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..extras import require
 from .console import Bar, common_arguments, print_note, show
 from .parser import EXIT_CODES
 
@@ -39,6 +40,7 @@ def add(commands: Any) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     from ..design import sweep as sweeps
 
+    require("matplotlib", "the report of a sweep")
     plan = sweeps.read_sweep(options.file, fmus=options.fmus)
     with Bar("Runs") as bar:
 

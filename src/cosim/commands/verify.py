@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 
 from ..errors import DescriptionError
-from .console import Bar, fmus_argument, make_table, print_error, print_json, print_note, standard_output
+from .console import Bar, check_plot, fmus_argument, make_table, print_error, print_json, print_note, standard_output
 from .parser import EXIT_CODES
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ def _run(options: argparse.Namespace) -> int:
             problems += error.problems
     if problems:
         raise DescriptionError(problems)
+    check_plot(options.plot)
     reports: list[Report] = []
     found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=options.timeout)
     with Bar("Replaying") as bar:
