@@ -38,6 +38,7 @@ html_show_sphinx = False
 pygments_style = "default"
 pygments_dark_style = "monokai"
 
+smartquotes = False  # texts stand on the site as they stand in the code
 copybutton_prompt_text = "$ "
 copybutton_exclude = ".linenos, .gp, .go"
 
