@@ -1,10 +1,10 @@
 r"""Use the FMUs in your own tool
 =============================
 
-You have a tool that imports FMUs: Simulink, Dymola, OpenModelica, OMSimulator, or a program of your own. This tutorial
-takes three FMUs out of the package, looks at them, couples them to a closed loop with another program
-(some 20 lines of FMPy), and shows the figure that tells whether the coupling is right. The loop is a reference position, a fuzzy sliding-mode
-controller and a ballscrew stage with LuGre friction, sampled at 10 kHz.
+You have a tool that imports FMUs: Simulink, Dymola, OpenModelica, OMSimulator, or a program of your own. This
+tutorial takes three FMUs out of the package, looks at them, couples them to a closed loop with another program (some
+20 lines of FMPy), and shows the figure that tells whether the coupling is right. The loop is a reference position, a
+fuzzy sliding-mode controller and a ballscrew stage with LuGre friction, sampled at 10 kHz.
 
 **You need** the wheel of motion-cosim, nothing else. FMPy comes with it; cosim itself is used for the comparison only.
 """
