@@ -47,7 +47,8 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["tutorial"],
     "filename_pattern": r"\.py$",
     "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
-    "ignore_repr_types": "Picture|SimpleNamespace",  # shown as pictures
+    "capture_repr": ("_repr_html_",),
+    "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,

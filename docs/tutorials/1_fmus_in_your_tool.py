@@ -355,4 +355,6 @@ run("cosim run loop.ssp")
 #   Dymola, with the number that each should give.
 # * :doc:`/importers` says in which tools all FMUs were run, how far the results differ, and which bugs were met.
 # * :doc:`/fmi3` says what differs in FMI 3.0.
+#
+# The last line deletes the temporary folder.
 temporary.cleanup()

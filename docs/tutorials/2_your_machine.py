@@ -48,8 +48,8 @@ def show(name, title):
     return SimpleNamespace(_repr_png_=(FOLDER / name).read_bytes, title=title)
 
 
-logs = [folder for folder in (Path("your_machine"), Path("../examples/your_machine")) if folder.is_dir()]
-shutil.copytree(logs[0], FOLDER, dirs_exist_ok=True)
+HERE = Path("your_machine"), Path("../examples/your_machine")  # beside this script, or in a checkout
+shutil.copytree(next(folder for folder in HERE if folder.is_dir()), FOLDER, dirs_exist_ok=True)
 
 # %%
 # Look at the log
@@ -58,17 +58,32 @@ shutil.copytree(logs[0], FOLDER, dirs_exist_ok=True)
 # A log is a CSV, Parquet or MAT file: a column of time, columns with names, and a row of units if there is one
 # (``position [mm]`` as a name is understood, too).
 import cosim
+import matplotlib.pyplot as plt
+import numpy as np
 
 record = cosim.read_record(FOLDER / "stage.csv")
 columns = ", ".join(f"{name} [{unit}]" for name, unit in record.units.items())
 print(f"{len(record.time)} samples, {record.step:g} s apart: {columns}")
 
-cosim.plot(record, labels=["log"])
+reference, position = record.column("reference"), record.column("position")
+figure, panels = plt.subplots(3, 1, figsize=(7.5, 5.4), sharex=True, layout="constrained")
+panels[0].plot(record.time, 1e3 * position, color="#0072B2", label="position")
+panels[0].plot(record.time, 1e3 * reference, "--", color="#D55E00", label="reference")
+panels[0].set(title="The log", ylabel="Position in mm")
+panels[0].legend()
+panels[1].plot(record.time, 1e6 * position, color="#0072B2")
+panels[1].plot(record.time, 1e6 * reference, "--", color="#D55E00")
+panels[1].set(ylim=(-80.0, 80.0), ylabel="The same in um")
+panels[2].plot(record.time, record.column("command"), color="#0072B2")
+panels[2].set(ylabel="Command in V", xlabel="Time in s")
+for panel in panels:
+    panel.grid(color="#DDDDDD")
+plt.show()
 
 # %%
 # **What to look at.** A log tells only what it excites. This one has four kinds of motion, each for other values:
 #
-# * small sines from rest (0 to 1 s): the bristles of the friction, their stiffness and damping;
+# * small sines from rest (0 to 1 s, second panel): the bristles of the friction, their stiffness and damping;
 # * slow motion (1 to 2 s): the falling part of the friction curve;
 # * moves at several speeds (2 to 3.4 s): Coulomb and viscous friction;
 # * fast sines (from 3.4 s): inertia.
@@ -172,9 +187,6 @@ assert not fitted.weak
 
 # %%
 # The interval holds the true value with 95 % probability, if the model is right. Here the truth is known:
-import matplotlib.pyplot as plt
-import numpy as np
-
 TRUTH = {
     "plant.J_rot": 2e-4,
     "plant.F_C": 0.5,
@@ -310,4 +322,6 @@ assert [set(weak.names) for weak in together.weak] == [{"plant.m", "plant.b", "p
 #   download.
 # * :doc:`/results` says how runs and records are compared.
 # * :doc:`/physics` says which friction model is for what.
+#
+# The last line deletes the temporary folder.
 temporary.cleanup()
