@@ -57,9 +57,10 @@ shutil.copytree(next(folder for folder in HERE if folder.is_dir()), FOLDER, dirs
 #
 # A log is a CSV, Parquet or MAT file: a column of time, columns with names, and a row of units if there is one
 # (``position [mm]`` as a name is understood, too).
-import cosim
 import matplotlib.pyplot as plt
 import numpy as np
+
+import cosim
 
 record = cosim.read_record(FOLDER / "stage.csv")
 columns = ", ".join(f"{name} [{unit}]" for name, unit in record.units.items())
