@@ -82,7 +82,7 @@ class RunsData(Table):
     """What files have in common that ask for runs of a system."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
     timeout: Positive | None = None
     """Limit for a run, s."""
@@ -139,7 +139,7 @@ class MapData(Table):
     """A map file."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
     timeout: Positive | None = None
     """Limit for a run, s."""
@@ -245,7 +245,7 @@ class FitData(Table):
     """A fit file."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
     timeout: Positive | None = None
     """Limit for a run, s."""
