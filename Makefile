@@ -78,10 +78,10 @@ clean:
 
 # what make demo needs, and what the tests need beside it
 build-tools:
-	@sh .ci/venv build
+	@sh .ci/venv build plots
 test-tools:
-	@sh .ci/venv build importers test
+	@sh .ci/venv build importers plots test
 lint-tools:
-	@sh .ci/venv build importers test lint
+	@sh .ci/venv build importers plots test lint
 docs-tools:
-	@sh .ci/venv build docs test
+	@sh .ci/venv build docs plots test

@@ -38,6 +38,7 @@ html_show_sphinx = False
 pygments_style = "default"
 pygments_dark_style = "monokai"
 
+smartquotes = False  # texts stand on the site as they stand in the code
 copybutton_prompt_text = "$ "
 copybutton_exclude = ".linenos, .gp, .go"
 
@@ -45,6 +46,7 @@ sphinx_gallery_conf = {
     "examples_dirs": ["tutorials"],
     "gallery_dirs": ["tutorial"],
     "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
     "ignore_repr_types": "Picture|SimpleNamespace",  # shown as pictures
     "download_all_examples": False,

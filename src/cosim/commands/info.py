@@ -25,8 +25,8 @@ def add(commands: Any) -> None:
         "info",
         help="show the variables of an FMU",
         description="Show what an FMU offers: variables with unit, start value and bounds, and its feedthrough.",
-        epilog="Example: cosim info BallscrewStage",
     )
+    info.examples = ("cosim info BallscrewStage",)
     info.add_argument("fmu", metavar="FMU", help="a name in the FMU folder, such as BallscrewStage, or an .fmu file")
     fmus_argument(info)
     info.set_defaults(command=_run)
