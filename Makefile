@@ -42,7 +42,7 @@ release:
 # the documentation as a site, build/site/html/index.html: its tutorials and examples run while it is built
 docs: docs-tools fmus
 	$(BIN)/python -m docs.build
-	$(BIN)/python -m pytest tests/docs/site.py
+	$(BIN)/python -m pytest tests/docs/built_site.py
 
 study: test-tools fmus
 	for name in $(notdir $(wildcard studies/*)); do \

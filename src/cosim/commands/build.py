@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import CosimError, DescriptionError, FileError, suggest
 from ..extras import require
 from .console import Bar, make_table, print_error, print_note, standard_output
+from .parser import EXIT_CODES
 
 if TYPE_CHECKING:
     from ..export.workspace import Flavour, Workspace
@@ -34,8 +35,13 @@ def add(commands: Any) -> None:
         "build",
         help="build FMUs from components",
         description="Build FMUs from components: FILE.py with one, FILE.py:CLASS, or names of the library.",
-        epilog="Example: cosim build my_controller.py:Lag -o fmus. Needs the extra: motion-cosim[build].",
     )
+    parser.examples = ("cosim build CascadeP -o my_fmus",)
+    parser.exit_codes = {
+        **EXIT_CODES,
+        1: "the compiler failed, or a file could not be written",
+        2: "a component breaks a rule, or an option is wrong",
+    }
     parser.add_argument("names", nargs="+", metavar="FILE.py[:CLASS]", help="a component's file, or a library name")
     build_arguments(parser)
     parser.set_defaults(command=_run)
@@ -44,12 +50,22 @@ def add(commands: Any) -> None:
 def build_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``cosim build`` and ``build_fmus.py``."""
     parser.add_argument(
-        "--flavour", choices=["native", "python", "both"], default="native", help="compiled, or Python with PythonFMU"
+        "--flavour",
+        choices=["native", "python", "both"],
+        default="native",
+        help="native is compiled, python needs PythonFMU and Python on the target (default: native)",
     )
     parser.add_argument("--fmi", type=int, choices=[2, 3], default=2, help="version of the interface (default: 2)")
-    parser.add_argument("--platform", default="host", help="host (default), all, or one such as linux64")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="folder of the FMUs; with --flavour both, folders within it"
+        "--platform", default="host", metavar="NAME", help="host, all, or one such as linux64 (default: host)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder of the FMUs; with --flavour both, folders within it (default: the current folder; build_fmus.py: "
+        "build/fmus)",
     )
 
 
