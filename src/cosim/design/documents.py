@@ -159,7 +159,7 @@ class MapData(Table):
     """A map file."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
     """One line about the map."""
     timeout: Positive | None = None
@@ -284,7 +284,7 @@ class FitData(Table):
     """A fit file."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
     """One line about the fit; the page shows it."""
     timeout: Positive | None = None
