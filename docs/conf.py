@@ -24,7 +24,10 @@ extensions = [
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["examples", "schemas", "tutorials"]
-suppress_warnings = ["config.cache"]  # functions in the configuration below
+suppress_warnings = [
+    "config.cache",  # functions in the configuration below
+    "sphinx_gallery.space_in_filename",  # a checkout may lie in any folder; the names of the pages have no blanks
+]
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
 myst_heading_anchors = 4
