@@ -1,7 +1,8 @@
 """The documentation as a site: python -m docs.build [--quick]. make docs calls it.
 
 Copies this folder to build/site/source, adds the pages that docs/generate writes from the code, and runs Sphinx, which
-runs the tutorials. --quick leaves these out. The site is build/site/html; it needs no server and no network.
+runs the tutorials. --quick leaves these
+and the commands on pages out. The site is build/site/html; it needs no server and no network.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ def build(*, quick: bool = False) -> int:
     """Exit code of Sphinx; a warning is an error."""
     source = SITE / "source"
     shutil.rmtree(SITE, ignore_errors=True)
-    shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns("generate", "build.py", "__pycache__"))
+    shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns("generate", "build.py", "gallery.py", "__pycache__"))
     for write in GENERATORS:
         write(source)
     # programs that tutorials start find this cosim, and their outputs are as wide as a page
     os.environ.update(PATH=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", COLUMNS="80")
-    options = ["-D", "plot_gallery=0"] if quick else []
+    options = ["-D", "plot_gallery=0", "-D", "run_commands=0"] if quick else []
     return sphinx(["-W", "--keep-going", "-q", "-b", "html", *options, str(source), str(SITE / "html")])
 
 

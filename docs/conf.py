@@ -6,12 +6,23 @@ elsewhere.
 """
 
 from importlib.metadata import version as installed_version
+from typing import Any
+
+from docs.gallery import tidy
 
 project = "motion-cosim"
-author = "the motion-cosim authors"
+author = copyright = "the motion-cosim authors, MIT licence"
 version = release = installed_version("motion-cosim")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+    "docs.access",
+    "docs.keys",
+    "docs.shell",
+]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["examples", "schemas", "tutorials"]
 suppress_warnings = ["config.cache"]  # functions in the configuration below
@@ -28,6 +39,7 @@ html_show_sphinx = False
 pygments_style = "default"
 pygments_dark_style = "monokai"
 
+smartquotes = False  # texts stand on the site as they stand in the code
 copybutton_prompt_text = "$ "
 copybutton_exclude = ".linenos, .gp, .go"
 
@@ -35,6 +47,9 @@ sphinx_gallery_conf = {
     "examples_dirs": ["tutorials"],
     "gallery_dirs": ["tutorial"],
     "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
+    "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
+    "capture_repr": ("_repr_html_",),
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
@@ -44,3 +59,8 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "abort_on_example_error": True,
 }
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("doctree-read", tidy)

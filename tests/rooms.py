@@ -14,7 +14,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted(path.relative_to(ROOT).as_posix() for top in ("src", "fmus") for path in (ROOT / top).rglob("*.py"))
 TRAVELLING = ("cosim.errors", "cosim.units", "cosim.model")
-BASE = (*TRAVELLING, "cosim.files")
+BASE = (*TRAVELLING, "cosim.files", "cosim.extras")
 
 
 class Room(NamedTuple):
@@ -29,6 +29,7 @@ ROOMS = (
     # From the bottom to the top: a room imports only rooms above it in this table, and of those only the named ones.
     Room("cosim.errors"),
     Room("cosim.files", ["cosim.errors"]),
+    Room("cosim.extras", ["cosim.errors"]),
     Room("cosim.units", ["cosim.errors"]),
     Room("cosim.model", ["cosim.errors", "cosim.units"]),
     Room("fmus", ["cosim.model"]),
@@ -85,7 +86,8 @@ def imports(path: str) -> set[str]:
         elif (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Name | ast.Attribute)
-            and (node.func.id if isinstance(node.func, ast.Name) else node.func.attr) == "import_module"
+            and (node.func.id if isinstance(node.func, ast.Name) else node.func.attr)
+            in ("import_module", "import_extra")
             and node.args
             and isinstance(node.args[0], ast.Constant)
         ):

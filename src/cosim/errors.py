@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+
+MOST_LISTED = 12
+"""Known names that still fit into a message."""
+MOST_MEANT = 3
+"""Names that may be meant by a word; with more the word says too little."""
 
 
 class CosimError(Exception):
@@ -33,15 +39,21 @@ class FileError(CosimError):
     """A file or folder cannot be written. Exit code 1. An older file of the same name is unchanged."""
 
 
-def suggest(name: str, known: Iterable[str]) -> str:
+def suggest(name: str, known: Iterable[str], meanings: Mapping[str, str] | None = None) -> str:
     """The hint `` Did you mean 'x'?`` with the known name nearest to ``name``.
 
-    Without a near name, lists all known names if there are at most 12; else returns "".
+    With ``meanings``, a name whose meaning has all words of ``name`` is near, too: ``mass`` for ``m``, "Moving mass of
+    table". Without a near name, lists all known names if there are at most 12; else returns "".
     """
     names = sorted(known)
     near = get_close_matches(name, names, n=1, cutoff=0.6)
     if near:
         return f" Did you mean '{near[0]}'?"
-    if 0 < len(names) <= 12:
+    words = re.findall("[a-z]{3,}", name.lower())
+    if words and meanings is not None:
+        meant = [f"'{each}' ({text})" for each, text in meanings.items() if all(word in text.lower() for word in words)]
+        if 0 < len(meant) <= MOST_MEANT:
+            return f" Did you mean {' or '.join(meant)}?"
+    if 0 < len(names) <= MOST_LISTED:
         return " Known: " + ", ".join(names) + "."
     return ""

@@ -290,5 +290,5 @@ def test_list_shows_fmus_and_systems(place: Path, cosim: Run) -> None:
 
 def test_every_option_is_explained() -> None:
     run = subprocess.run([sys.executable, "-m", "cosim", "run", "--help"], capture_output=True, text=True, check=True)
-    for text in ("such as plant.m=70", "such as 2.5", "such as 1e-4", "Example: cosim run"):
+    for text in ("such as plant.m=70", "such as 2.5", "such as 1e-4", "examples:\n  cosim run"):
         assert text in run.stdout

@@ -42,7 +42,7 @@ def test_help_has_an_example(command: list[str], capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit) as end:
         main([*command, "--help"])
     assert end.value.code == 0
-    assert f"Example: cosim {' '.join(command)}" in " ".join(capsys.readouterr().out.split())
+    assert f"examples: cosim {' '.join(command)}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_start_up_does_not_load_what_only_tools_need() -> None:

@@ -39,7 +39,25 @@ fmu = "FuzzySlidingMode"
 [instances.plant]
 fmu = "BallscrewStage"
 """
-BUILD_TOOLS = ("casadi", "ziglang", "pythonfmu", "scipy")
+OF_EXTRAS = frozenset(("casadi", "ziglang", "pythonfmu", "scipy", "matplotlib", "PIL", "pyarrow", "plotly"))
+"""Packages that an installation without extras has not."""
+WITHOUT = """
+import sys
+
+class Without:
+    # a finder that does not see some packages
+
+    def __init__(self, finder):
+        self.finder = finder
+
+    def find_spec(self, name, path=None, target=None):
+        return None if name.partition(".")[0] in {absent!r} else self.finder.find_spec(name, path, target)
+
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+
+sys.meta_path[:] = map(Without, sys.meta_path)
+"""
 
 
 def hatchling(folder: Path, *arguments: str, choice: str = "release") -> subprocess.CompletedProcess[str]:
@@ -80,15 +98,21 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """An environment in which the wheel is installed, and what builds FMUs cannot be imported."""
+    """An environment in which the wheel is installed without extras."""
     folder = tmp_path_factory.mktemp("installed")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(folder / "at")]
     subprocess.run([*pip, "--disable-pip-version-check", str(wheel)], check=True)
     (folder / "none").mkdir()
-    for name in BUILD_TOOLS:
-        (folder / "none" / f"{name}.py").write_text(f"raise ModuleNotFoundError({name!r}, name={name!r})\n")
+    (folder / "none" / "sitecustomize.py").write_text(WITHOUT.format(absent=set(OF_EXTRAS)), encoding="utf-8")
     path = os.pathsep.join([str(folder / "none"), str(folder / "at")])
     return os.environ | {"PYTHONPATH": path, "XDG_CACHE_HOME": str(folder / "cache")}
+
+
+def started(environment: dict[str, str], folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A Python that has run in ``folder``."""
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
 
 
 def test_contents(wheel: Path) -> None:
@@ -120,8 +144,7 @@ def test_installed_wheel_runs_a_shipped_system_and_one_of_the_user(installed: di
     (tmp_path / "mine.toml").write_text(SYSTEM, encoding="utf-8")
 
     def cosim(*arguments: str) -> str:
-        command = [sys.executable, "-m", "cosim", *arguments]
-        done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, check=False)
+        done = started(installed, tmp_path, "-m", "cosim", *arguments)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -131,16 +154,31 @@ def test_installed_wheel_runs_a_shipped_system_and_one_of_the_user(installed: di
     assert json.loads(cosim("run", "mine.toml", "--json", "--output", "run.csv"))["steps"] == 100
     assert "Copied" in cosim("fmus", "copy", "mine", "BallscrewStage")
     assert (tmp_path / "mine" / "BallscrewStage.fmu").is_file()
-    command = [sys.executable, "-m", "cosim", "tune", "studies/maeda2008/tunings/step_1mm.toml"]
-    done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr == "error: scipy is not installed, and this command needs it: install motion-cosim[tools].\n"
-    code = "import cosim, fmus; print(cosim.__file__); import casadi"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=installed, capture_output=True, text=True, check=False
-    )
+    done = started(installed, tmp_path, "-c", "import cosim, fmus; print(cosim.__file__); import casadi")
     assert Path(done.stdout.strip()).parts[-3:] == ("at", "cosim", "__init__.py")
-    assert "ModuleNotFoundError: casadi" in done.stderr
+    assert "ModuleNotFoundError: No module named 'casadi'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "package", "extra"),
+    [
+        (("run", "shams2010/fsmc_5sin", "--plot", "run.png"), "matplotlib", "plots"),
+        (("run", "shams2010/fsmc_5sin", "--output", "run.parquet"), "pyarrow", "parquet"),
+        (("run", "shams2010/fsmc_5sin", "--report", "run.html"), "plotly", "report"),
+        (("tune", "studies/maeda2008/tunings/step_1mm.toml"), "scipy", "tools"),
+        (("build", "PPi"), "casadi", "build"),
+    ],
+)
+def test_a_missing_extra_is_named_before_anything_runs(
+    installed: dict[str, str], tmp_path: Path, command: tuple[str, ...], package: str, extra: str
+) -> None:
+    done = started(installed, tmp_path, "-m", "cosim", *command)
+    assert done.returncode == 2
+    # a long path would be folded at 80 columns
+    said = " ".join(done.stderr.split())
+    assert f'needs {package}, which is not installed: pip install "motion-cosim[{extra}]"' in said
+    assert done.stdout == ""
+    assert not list(tmp_path.iterdir())
 
 
 def test_fmus_of_the_user_win_over_those_of_the_wheel(installed: dict[str, str], native: Path, tmp_path: Path) -> None:

@@ -633,8 +633,8 @@ def test_csv_takes_every_double(make: Make, tmp_path: Path) -> None:
 
 
 def test_parquet_without_pyarrow_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cosim.record.write.find_spec", lambda name: None)
-    with pytest.raises(DescriptionError, match=r"a.parquet: .* pyarrow, .* install motion-cosim\[parquet\]"):
+    monkeypatch.setattr("cosim.extras.find_spec", lambda name: None)
+    with pytest.raises(DescriptionError, match=r'a.parquet: .* pyarrow, .* "motion-cosim\[parquet\]", or name a .csv'):
         check_output(Path("a.parquet"))
     check_output(Path("a.csv"))
 

@@ -14,7 +14,6 @@ import pytest
 import scipy.io
 
 from cosim.errors import DescriptionError
-from cosim.record import tables
 from cosim.record.description import Column
 from cosim.record.header import split_label
 from cosim.record.read import Record, read_record
@@ -234,15 +233,19 @@ def test_files_that_cannot_serve(tmp_path: Path, name: str, make: Callable[[Path
 
 
 @pytest.mark.parametrize(
-    ("name", "extra"), [("a.parquet", "pyarrow, which is not installed"), ("a.mat", "install motion-cosim[tools]")]
+    ("name", "said"),
+    [
+        ("a.parquet", 'to read Parquet needs pyarrow, which is not installed: pip install "motion-cosim[parquet]".'),
+        ("a.mat", 'to read MAT files needs scipy, which is not installed: pip install "motion-cosim[tools]".'),
+    ],
 )
-def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, extra: str) -> None:
+def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str) -> None:
     def absent(module: str) -> ModuleType:
-        raise ModuleNotFoundError(module)
+        raise ModuleNotFoundError(module, name=module)
 
     (tmp_path / name).touch()
-    monkeypatch.setattr(tables, "import_module", absent)
-    with pytest.raises(DescriptionError, match=re.escape(extra)):
+    monkeypatch.setattr("cosim.extras.import_module", absent)
+    with pytest.raises(DescriptionError, match=re.escape(said)):
         read_record(tmp_path / name)
 
 

@@ -13,7 +13,6 @@ from lxml import html
 from recordings import result, stage
 
 from cosim.errors import DescriptionError
-from cosim.result import report
 from cosim.result.plots import Panel, Series, envelope
 from cosim.result.report import Chart, Drawing, Notes, Section, Table, Text, write_report
 from cosim.result.result import Message
@@ -163,6 +162,6 @@ def test_another_ending_is_refused(tmp_path: Path) -> None:
 
 
 def test_without_plotly_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report, "find_spec", lambda name: None)
+    monkeypatch.setattr("cosim.extras.find_spec", lambda name: None)
     with pytest.raises(DescriptionError, match=r"motion-cosim\[report\]"):
         write_report(tmp_path / "run.html", "T", [])

@@ -424,11 +424,9 @@ def test_a_file_builds_on_one_with_signals(folder: Path, signals: str) -> None:
     assert system.signals[0].path == folder / "log.csv"
 
 
-def test_the_example_of_the_first_page_is_a_system(native: Path, tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    blocks = [block.split("```")[0] for block in page.split("```toml\n")[1:]]
-    (stage,) = [block for block in blocks if "[instances.plant]" in block]
-    (fed,) = [block for block in blocks if "[signals.log]" in block]
+def test_the_example_of_the_page_is_a_system(native: Path, tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "systems.md").read_text(encoding="utf-8")
+    stage, fed = (page.split(f"```{{file}} {name}.toml\n")[1].split("```")[0] for name in ("stage", "fed"))
     (tmp_path / "stage.toml").write_text(stage, encoding="utf-8")
     (tmp_path / "fed.toml").write_text(fed, encoding="utf-8")
     time = np.arange(200) * 1e-3

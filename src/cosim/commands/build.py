@@ -6,7 +6,6 @@ Large packages are imported only when the command runs.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import sys
 import tempfile
@@ -15,15 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CosimError, DescriptionError, FileError, suggest
+from ..extras import require
 from .console import Bar, make_table, print_error, print_note, standard_output
+from .parser import EXIT_CODES
 
 if TYPE_CHECKING:
     from ..export.workspace import Flavour, Workspace
 
 LABELS: Mapping[Flavour, str] = {"native": "Native", "python": "Python", "fmi3": "Native FMI 3.0"}
 NEEDED: Mapping[str, Sequence[str]] = {
-    "native": ("casadi", "jinja2", "ziglang"),
-    "python": ("casadi", "jinja2", "pythonfmu", "ziglang"),
+    "native": ("casadi", "ziglang"),
+    "python": ("casadi", "pythonfmu", "ziglang"),
 }
 """For each flavour, the packages that it needs from the extra ``build``."""
 
@@ -34,8 +35,13 @@ def add(commands: Any) -> None:
         "build",
         help="build FMUs from components",
         description="Build FMUs from components: FILE.py with one, FILE.py:CLASS, or names of the library.",
-        epilog="Example: cosim build my_controller.py:Lag -o fmus. Needs the extra: motion-cosim[build].",
     )
+    parser.examples = ("cosim build CascadeP -o my_fmus",)
+    parser.exit_codes = {
+        **EXIT_CODES,
+        1: "the compiler failed, or a file could not be written",
+        2: "a component breaks a rule, or an option is wrong",
+    }
     parser.add_argument("names", nargs="+", metavar="FILE.py[:CLASS]", help="a component's file, or a library name")
     build_arguments(parser)
     parser.set_defaults(command=_run)
@@ -44,12 +50,22 @@ def add(commands: Any) -> None:
 def build_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``cosim build`` and ``build_fmus.py``."""
     parser.add_argument(
-        "--flavour", choices=["native", "python", "both"], default="native", help="compiled, or Python with PythonFMU"
+        "--flavour",
+        choices=["native", "python", "both"],
+        default="native",
+        help="native is compiled, python needs PythonFMU and Python on the target (default: native)",
     )
     parser.add_argument("--fmi", type=int, choices=[2, 3], default=2, help="version of the interface (default: 2)")
-    parser.add_argument("--platform", default="host", help="host (default), all, or one such as linux64")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="folder of the FMUs; with --flavour both, folders within it"
+        "--platform", default="host", metavar="NAME", help="host, all, or one such as linux64 (default: host)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder of the FMUs; with --flavour both, folders within it (default: the current folder; build_fmus.py: "
+        "build/fmus)",
     )
 
 
@@ -75,10 +91,8 @@ def build_all(options: argparse.Namespace, workspace: Workspace, default: Path, 
     if options.fmi == 3:
         flavours = ("fmi3",)
     for flavour in flavours:
-        needed = NEEDED["python" if flavour == "python" else "native"]
-        absent = [name for name in needed if importlib.util.find_spec(name) is None]
-        if absent:
-            raise DescriptionError(f"building needs {', '.join(absent)}: install motion-cosim[build].")
+        for package in NEEDED["python" if flavour == "python" else "native"]:
+            require(package, "building")
     workspace, names = workspace.choose(options.names or tuple(workspace.components()))
     platforms = {flavour: _platforms(options.platform, flavour) for flavour in flavours}
     base, apart = options.output or default, len(flavours) > 1 or (split and options.output is None)

@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from ..errors import DescriptionError
 from .console import make_table, print_error, print_json, standard_output
+from .parser import EXIT_CODES
 from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
@@ -27,8 +28,13 @@ def add(commands: Any) -> None:
         help="check a system without running it",
         description="Check a system and say how it will run. Its FMUs are initialized in a process of their own, so "
         "that rules between parameters speak, too.",
-        epilog="Example: cosim check studies/shams2010/fsmc_5sin.toml",
     )
+    check.examples = ("cosim check shams2010/fsmc_5sin", "cosim check shams2010/fsmc_5sin --set plant.m=70 --json")
+    check.exit_codes = {
+        **EXIT_CODES,
+        0: "the system can run; notes may still name what is suspicious",
+        2: "it cannot run",
+    }
     system_arguments(check)
     check.add_argument("--json", action="store_true", help="print what was found as JSON, for scripts")
     check.set_defaults(command=_run)

@@ -1,7 +1,6 @@
 """The command line: collects the commands (one module each), prints their errors and returns exit codes.
 
-Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, 130 interrupted,
-143 and 129 ended by SIGTERM and SIGHUP. Large packages are imported only when a command runs.
+Module ``parser`` has the exit codes. Large packages are imported only when a command runs.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from ..errors import CosimError, DescriptionError
+from ..extras import EXTRAS, missing
 from ..master.signals import Ended, ending_by_exception
 from . import (
     build,
@@ -33,6 +33,7 @@ from . import (
     verify,
 )
 from .console import log_on_standard_error, print_error
+from .parser import Parser
 from .surroundings import check_working_folder, explain, keep_to_one_thread, prepare_streams, replace_missing_home
 
 COMMANDS = (
@@ -40,8 +41,6 @@ COMMANDS = (
     *(sweep, identify, fit, stability, learn, tune, linearize),
 )
 """The commands in the order in which the help shows them."""
-TOOLS = ("control", "dask", "distributed", "pyarrow", "scipy")
-"""Packages of the extra ``tools``. The design tools need them."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     prepare_streams()
     keep_to_one_thread()
     replace_missing_home()
-    options = _parser().parse_args(arguments)
+    options = make_parser().parse_args(arguments)
     return exit_code(lambda: options.command(options))
 
 
@@ -75,9 +74,9 @@ def _guarded(command: Callable[[], int]) -> int:
         print_error(str(error))
         return 1
     except ModuleNotFoundError as error:
-        if error.name not in TOOLS:
+        if error.name is None or error.name not in EXTRAS:
             raise
-        print_error(f"{error.name} is not installed, and this command needs it: install motion-cosim[tools].")
+        print_error(missing(error.name, "this command"))
         return 2
     except KeyboardInterrupt as interruption:
         print_error("Interrupted.")
@@ -100,13 +99,10 @@ class _Version(argparse.Action):
         parser.exit(message=f"cosim {version('motion-cosim')}\n")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="cosim",
-        description="Co-simulation of FMUs for precision motion.",
-        epilog="Exit codes: 0 done, 1 a simulation failed or a file could not be written, 2 a description is wrong, "
-        "130 interrupted, 143 and 129 ended by SIGTERM and SIGHUP.",
-    )
+def make_parser() -> Parser:
+    """The parser of all commands; the reference pages of the commands are made from it."""
+    parser = Parser(prog="cosim", description="Co-simulation of FMUs for precision motion.")
+    parser.examples = ("cosim list", "cosim run shams2010/fsmc_5sin --plot run.png")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in COMMANDS:

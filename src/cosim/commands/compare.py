@@ -23,6 +23,7 @@ from .console import (
     set_argument,
     standard_output,
 )
+from .parser import EXIT_CODES
 from .systems import given_values
 
 if TYPE_CHECKING:
@@ -40,9 +41,18 @@ def add(commands: Any) -> None:
         description="Compare B with the reference A: each is a system or an FMU, which is run, or a record "
         "(.csv, .tsv, .txt, .dat, .parquet, .mat). Units are converted, the delay is estimated and said, the side "
         "with longer steps keeps its samples.",
-        epilog="Example: cosim compare log.csv stage.toml --signals x=plant.position --tolerance x=2um --plot a.png. "
-        "Exit codes: 0 within the tolerances, 1 not, or a run failed, 2 an input is wrong.",
     )
+    compare.examples = (
+        "cosim compare docs/examples/your_machine/motor.csv docs/examples/your_machine/motor.toml "
+        "--signals position=plant.position --plot motor.png",
+        "cosim compare maeda2008/step maeda2008/step --set-b plant.tolerance=1e-7 --signals plant.position "
+        "--tolerance 10nm",
+    )
+    compare.exit_codes = {
+        **EXIT_CODES,
+        0: "within the tolerances, or no tolerance was given",
+        1: "outside the tolerances, a run failed, or a file could not be written",
+    }
     compare.add_argument("a", metavar="A", help="the reference: a system, an FMU or a record")
     compare.add_argument("b", metavar="B", help="what is compared with it")
     signals_argument(compare)
@@ -61,7 +71,10 @@ def add(commands: Any) -> None:
         "--delay", default="0", metavar="SECONDS", help="move B back by this, or by its 'estimate' (default: 0)"
     )
     compare.add_argument(
-        "--interpolation", choices=("linear", "hold"), default="linear", help="between samples (default: linear)"
+        "--interpolation",
+        choices=("linear", "hold"),
+        default="linear",
+        help="how values between samples are found (default: linear)",
     )
     compare.add_argument("--from", dest="start", metavar="SECONDS", help="compare from this time of A on")
     compare.add_argument("--to", dest="stop", metavar="SECONDS", help="compare up to this time of A")

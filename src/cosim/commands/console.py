@@ -192,6 +192,14 @@ def set_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> N
     )
 
 
+def check_plot(path: Path | None) -> None:
+    """Raise DescriptionError, before anything runs, if the picture of ``--plot`` cannot be drawn or written."""
+    if path is not None:
+        from ..result.plots import check_picture
+
+        check_picture(path)
+
+
 def common_arguments(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespace], int]) -> None:
     """Add ``--json`` and ``--fmus``, and set the function that runs the command."""
     parser.add_argument("--json", action="store_true", help="print the result as JSON, for scripts")

@@ -19,8 +19,8 @@ def add(commands: Any) -> None:
         "export",
         help="write a system as SSP for other tools, or as TOML",
         description="Write a system with its FMUs as an SSP 1.0 package, which other tools run too, or as a TOML file.",
-        epilog="Example: cosim export studies/shams2010/fsmc_5sin.toml -o fsmc_5sin.ssp",
     )
+    export.examples = ("cosim export shams2010/fsmc_5sin -o fsmc_5sin.ssp",)
     system_arguments(export)
     export.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help="SYSTEM.ssp, or SYSTEM.toml with SYSTEM_fmus/"
@@ -29,7 +29,8 @@ def add(commands: Any) -> None:
         "--enumerations",
         choices=("keep", "integer"),
         default="keep",
-        help="integer: FMUs in an .ssp declare enumerations as whole numbers, for libcosim and ecos, which know none",
+        help="integer: FMUs in an .ssp declare enumerations as whole numbers, for libcosim and ecos, which know none "
+        "(default: keep)",
     )
     export.set_defaults(command=_run)
 

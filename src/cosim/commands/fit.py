@@ -19,11 +19,16 @@ def add(commands: Any) -> None:
         help="fit parameters of a system to records of the real machine",
         description="Fit start values of a system, and delay, gain and bias of its sensors, to records; say how well "
         "the records tell them, and how the system then agrees with records that were not fitted.",
-        epilog="Example: cosim fit docs/examples/your_machine/fit_stage.toml --output results/stage",
+    )
+    fit.examples = (
+        "cosim fit docs/examples/your_machine/motor_fit.toml --dry-run",
+        "cosim fit docs/examples/your_machine/motor_fit.toml --output results/motor --base motor.toml",
     )
     fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
     fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
-    fit.add_argument("--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and residuals.csv")
+    fit.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and a .csv for each record"
+    )
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
     fit.add_argument("--base", metavar="NAME", help="the file that start.toml completes (default: none)")
     fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")

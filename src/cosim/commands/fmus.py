@@ -21,8 +21,8 @@ def add(commands: Any) -> None:
         "copy",
         help="copy FMUs into a folder, for other tools",
         description="Copy FMUs into a folder, for other tools. Files that are the same already stay as they are.",
-        epilog="Example: cosim fmus copy my_fmus BallscrewStage FuzzySlidingMode Trajectory",
     )
+    copy.examples = ("cosim fmus copy my_fmus BallscrewStage FuzzySlidingMode Trajectory",)
     copy.add_argument("folder", type=Path, metavar="DIR", help="folder to copy to; it is made if it is not there")
     copy.add_argument("names", nargs="*", metavar="NAME", help="FMUs, such as BallscrewStage (default: all)")
     copy.add_argument("--force", action="store_true", help="replace files of the same name")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import common_arguments, print_note, show
+from .console import check_plot, common_arguments, print_note, show
 
 
 def add(commands: Any) -> None:
@@ -22,18 +22,20 @@ def add(commands: Any) -> None:
         help="from a system or a recorded CSV",
         description="Identify the NCT from a system that drives its plant with a pulse, or from a CSV with columns "
         "t, u, x (and v).",
-        epilog="Example: cosim identify nct studies/maeda2008/pulse.toml --alpha 505 --plot nct.png",
     )
+    nct.examples = ("cosim identify nct maeda2008/pulse --alpha 505 --plot nct.png",)
     nct.add_argument("source", metavar="SYSTEM|CSV", help="a system file or a .csv")
-    nct.add_argument("--alpha", type=float, metavar="1/s", help="slope of the linear part")
-    nct.add_argument("--e-lin", type=float, metavar="m", help="position error at which the linear part ends")
+    nct.add_argument("--alpha", type=float, metavar="1/s", help="slope of the linear part, in 1/s")
+    nct.add_argument("--e-lin", type=float, metavar="m", help="position error at which the linear part ends, in m")
     nct.add_argument("--omega-n", type=float, metavar="rad/s", help="with --zeta: natural frequency of the compensator")
-    nct.add_argument("--zeta", type=float, help="with --omega-n: damping ratio of the compensator")
-    nct.add_argument("--position", metavar="INST.VAR", help="default: plant.position")
+    nct.add_argument("--zeta", type=float, metavar="RATIO", help="with --omega-n: damping ratio of the compensator")
+    nct.add_argument("--position", metavar="INST.VAR", help="position of the system (default: plant.position)")
     nct.add_argument(
-        "--velocity", metavar="INST.VAR", help="'' to differentiate the position (default: plant.velocity)"
+        "--velocity",
+        metavar="INST.VAR",
+        help="velocity of the system; '' differentiates the position (default: plant.velocity)",
     )
-    nct.add_argument("--input", metavar="INST.VAR", help="default: plant.command")
+    nct.add_argument("--input", metavar="INST.VAR", help="input of the plant (default: plant.command)")
     nct.add_argument("--output", type=Path, metavar="FILE", help="write the curve (.csv)")
     nct.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the NCT (.toml)")
     nct.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
@@ -48,19 +50,33 @@ def _add_friction(identify: Any) -> None:
         help="first values of inertia and friction from a log of position and force",
         description="First values of inertia, sliding friction of both directions, break-away and presliding stiffness "
         "from a log (.csv, .parquet, .mat), and which of them the log excites.",
-        epilog="Example: cosim identify friction docs/examples/your_machine/stage.csv --position position "
-        "--force command --factor 125.66 --unit N --plot friction.png",
+    )
+    friction.examples = (
+        "cosim identify friction docs/examples/your_machine/stage.csv --position position --force command "
+        "--factor 125.66 --unit N --plot friction.png",
     )
     friction.add_argument("record", type=Path, metavar="RECORD", help="a log: .csv, .parquet or .mat")
-    friction.add_argument("--position", default="position", metavar="COLUMN", help="default: position")
-    friction.add_argument("--force", default="force", metavar="COLUMN", help="force or command (default: force)")
     friction.add_argument(
-        "--factor", type=float, default=1.0, metavar="K", help="force a unit of its column (default: 1)"
+        "--position", default="position", metavar="COLUMN", help="column of the position (default: position)"
     )
-    friction.add_argument("--unit", metavar="UNIT", help="of the force (default: as the record says, else N)")
-    friction.add_argument("--time", metavar="COLUMN", help="default: the column called time or t")
-    friction.add_argument("--sampling-time", type=float, metavar="SECONDS", help="of a record without times")
-    friction.add_argument("--window", type=float, nargs=2, metavar=("FROM", "TO"), help="seconds that are looked at")
+    friction.add_argument(
+        "--force", default="force", metavar="COLUMN", help="column of the force, torque or command (default: force)"
+    )
+    friction.add_argument(
+        "--factor", type=float, default=1.0, metavar="K", help="force for one unit of its column (default: 1)"
+    )
+    friction.add_argument("--unit", metavar="UNIT", help="unit of the force (default: as the record says, else N)")
+    friction.add_argument("--time", metavar="COLUMN", help="column of time (default: time or t)")
+    friction.add_argument(
+        "--sampling-time", type=float, metavar="SECONDS", help="sampling time of a record without times"
+    )
+    friction.add_argument(
+        "--window",
+        type=float,
+        nargs=2,
+        metavar=("FROM", "TO"),
+        help="use only this part of the record, in s (default: all)",
+    )
     friction.add_argument("--plot", type=Path, metavar="FILE", help="draw friction over velocity")
     common_arguments(friction, _friction)
 
@@ -68,6 +84,7 @@ def _add_friction(identify: Any) -> None:
 def _friction(options: argparse.Namespace) -> int:
     from ..design import friction
 
+    check_plot(options.plot)
     look = friction.identify_friction(
         options.record,
         position=options.position,
@@ -102,6 +119,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
+    check_plot(options.plot)
     nct = identify.identify_nct(
         options.source,
         alpha=options.alpha,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
@@ -24,8 +25,8 @@ def add(commands: Any) -> None:
         "info",
         help="show the variables of an FMU",
         description="Show what an FMU offers: variables with unit, start value and bounds, and its feedthrough.",
-        epilog="Example: cosim info BallscrewStage",
     )
+    info.examples = ("cosim info BallscrewStage",)
     info.add_argument("fmu", metavar="FMU", help="a name in the FMU folder, such as BallscrewStage, or an .fmu file")
     fmus_argument(info)
     info.set_defaults(command=_run)
@@ -41,7 +42,8 @@ def _run(options: argparse.Namespace) -> int:
     console.print(f"[bold]{escape(fmu.name)}[/] {escape(fmu.version)} {escape(fmu.description)}")
     step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
     stop = f", stop {fmu.stop_time:g} s" if fmu.stop_time is not None else ""
-    console.print(f"{escape(str(fmu.path))}; FMI {fmu.fmi}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
+    path = fmu.path.relative_to(Path.cwd()) if fmu.path.is_relative_to(Path.cwd()) else fmu.path
+    console.print(f"{escape(str(path))}; FMI {fmu.fmi}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
     whole = ("Variable", "Unit", "Start", "Range")
     table = make_table("Variable", "Unit", "Start", "Range", "Description", right=("Start",), whole=whole)
     causality = ""

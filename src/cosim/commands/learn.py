@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, common_arguments, set_argument, show
+from .console import Bar, check_plot, common_arguments, set_argument, show
 from .systems import given_values
 
 
@@ -19,11 +19,23 @@ def add(commands: Any) -> None:
         "friction-pulse",
         help="amplitude and duration over reverse acceleration",
         description="Learn the tables of FrictionPulse, 782 runs an axis; with --monitor only if friction has changed.",
-        epilog="Example: cosim learn friction-pulse studies/feng2015/circle.toml --axis x y --output results/pulses",
     )
-    pulse.add_argument("system", type=Path, metavar="SYSTEM")
-    pulse.add_argument("--axis", nargs="+", default=[""], metavar="NAME", help="x for trajectory_x, pulse_x ...")
-    pulse.add_argument("--output", type=Path, default=Path("results/pulses"), metavar="DIR")
+    pulse.examples = ("cosim learn friction-pulse feng2015/circle --axis x y --output results/pulses",)
+    pulse.add_argument("system", type=Path, metavar="SYSTEM", help="a system file with FrictionPulse on its axes")
+    pulse.add_argument(
+        "--axis",
+        nargs="+",
+        default=[""],
+        metavar="NAME",
+        help="axes to learn: x for instances trajectory_x, pulse_x ... (default: names without axis)",
+    )
+    pulse.add_argument(
+        "--output",
+        type=Path,
+        default=Path("results/pulses"),
+        metavar="DIR",
+        help="folder of the tables (default: results/pulses)",
+    )
     pulse.add_argument("--base", metavar="NAME", help="the file beside it that DIR/tables.toml completes")
     pulse.add_argument(
         "--monitor", action="store_true", help="compare J with DIR/AXIS.json; learn anew above 1.5 times"
@@ -37,6 +49,7 @@ def add(commands: Any) -> None:
 def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
 
+    check_plot(options.plot)
     values = given_values(options.values)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import common_arguments, print_note, set_argument, show
+from .console import check_plot, common_arguments, print_note, set_argument, show
 from .systems import given_values
 
 
@@ -17,18 +17,25 @@ def add(commands: Any) -> None:
         "linearize",
         help="state space of an instance, margins of its loop",
         description="State space of an FMU, or of an instance of a system at a time of its run; margins of the loop.",
-        epilog="Example: cosim linearize studies/maeda2008/step.toml --instance plant --at 0 "
-        "--set trajectory.amplitude=1e-7 controller.sensor_resolution=0 --inputs command --outputs position "
-        "--margins --plot bode.png",
+    )
+    linearize.examples = (
+        "cosim linearize maeda2008/step --instance plant --at 0 --set trajectory.amplitude=1e-7 "
+        "controller.sensor_resolution=0 --inputs command --outputs position --margins --plot bode.png",
     )
     linearize.add_argument("source", metavar="FMU|SYSTEM", help="an FMU or a system, by path or name")
-    linearize.add_argument("--instance", default="plant", metavar="NAME", help="of the system (default: plant)")
-    linearize.add_argument("--at", default="0", metavar="TIME", help="seconds, as 0.01 or t=0.01 (default: 0)")
-    linearize.add_argument("--inputs", nargs="+", metavar="VAR")
-    linearize.add_argument("--outputs", nargs="+", metavar="VAR")
+    linearize.add_argument(
+        "--instance", default="plant", metavar="NAME", help="instance of the system that is linearized (default: plant)"
+    )
+    linearize.add_argument(
+        "--at", default="0", metavar="TIME", help="time of the run in s, as 0.01 or t=0.01 (default: 0)"
+    )
+    linearize.add_argument("--inputs", nargs="+", metavar="VAR", help="inputs of the state space (default: all)")
+    linearize.add_argument("--outputs", nargs="+", metavar="VAR", help="outputs of the state space (default: all)")
     set_argument(linearize, several=True)
     linearize.add_argument("--margins", action="store_true", help="margins of the loop with --controller")
-    linearize.add_argument("--controller", default="controller", metavar="NAME")
+    linearize.add_argument(
+        "--controller", default="controller", metavar="NAME", help="instance that closes the loop (default: controller)"
+    )
     linearize.add_argument("--plot", type=Path, metavar="FILE", help="Bode picture of the first input and output")
     common_arguments(linearize, _linearize)
 
@@ -42,6 +49,7 @@ def _linearize(options: argparse.Namespace) -> int:
         at = float(options.at.removeprefix("t="))
     except ValueError:
         raise DescriptionError(f"--at {options.at}: give seconds, such as t=0.01.") from None
+    check_plot(options.plot)
     values = given_values(options.values)
     file = find_system(options.source, options.fmus)
     alone = has_ending(file, ".fmu")

@@ -24,6 +24,7 @@ def add(commands: Any) -> None:
     )
     fmus_argument(listing)
     listing.set_defaults(command=_run)
+    listing.examples = ("cosim list",)
 
 
 def _run(options: argparse.Namespace) -> int:

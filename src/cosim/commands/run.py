@@ -18,6 +18,7 @@ from ..errors import CosimError, DescriptionError
 from .compare import comparison_content, show_comparison
 from .console import Bar, make_table, print_error, print_json, print_note, standard_output
 from .overlay import Overlay, opened, overlay_arguments
+from .parser import EXIT_CODES
 from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
@@ -54,9 +55,18 @@ def add(commands: Any) -> None:
         "run",
         help="run a system, or an FMU alone",
         description="Run a system and show what came out. An FMU runs alone, over the times that its file suggests.",
-        epilog="Example: cosim run studies/shams2010/fsmc_5sin.toml --set plant.m=70 --output result.csv, or "
-        "cosim run Trajectory --set kind=quintic --plot move.png",
     )
+    run.examples = (
+        "cosim run shams2010/fsmc_5sin --set plant.m=70 --output result.csv",
+        "cosim run Trajectory --set kind=quintic --plot move.png",
+        "cosim run docs/examples/your_machine/motor.toml --record plant.position "
+        "--overlay docs/examples/your_machine/motor.csv --signals plant.position=position --report motor.html",
+    )
+    run.exit_codes = {
+        **EXIT_CODES,
+        0: "the run is complete",
+        1: "the run failed, a recorded value is not finite, or a file could not be written",
+    }
     system_arguments(run)
     run.add_argument(
         "--output", type=Path, metavar="FILE", help="write the record as .csv, or as .parquet with the extra parquet"

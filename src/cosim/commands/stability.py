@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, common_arguments, set_argument, show
+from .console import Bar, check_plot, common_arguments, set_argument, show
 from .systems import given_values
 
 
@@ -21,35 +21,48 @@ def add(commands: Any) -> None:
         "linear",
         help="of the sampled linear loop",
         description="Stable damping ratios of the sampled linear loop, by Jury's test and in closed form.",
-        epilog="Example: cosim stability linear --W 0.1 0.25 0.4 --alpha 505 --T-s 2e-4",
     )
-    linear.add_argument("--W", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.3, 0.4], help="omega_n*T_s")
-    linear.add_argument("--alpha", type=float, required=True, metavar="1/s", help="slope of the NCT")
-    linear.add_argument("--T-s", type=float, required=True, metavar="s", help="sampling time")
+    linear.examples = ("cosim stability linear --W 0.1 0.25 0.4 --alpha 505 --T-s 2e-4",)
+    linear.add_argument(
+        "--W",
+        type=float,
+        nargs="+",
+        default=[0.05, 0.1, 0.2, 0.3, 0.4],
+        help="values of omega_n*T_s (default: 0.05 0.1 0.2 0.3 0.4)",
+    )
+    linear.add_argument("--alpha", type=float, required=True, metavar="1/s", help="slope of the NCT near zero, in 1/s")
+    linear.add_argument("--T-s", type=float, required=True, metavar="s", help="sampling time of the controller, in s")
     linear.add_argument("--json", action="store_true", help="print the result as JSON")
     linear.set_defaults(command=_linear)
     practical = stability.add_parser(
         "practical",
         help="ultimate gain by simulation",
         description="The gain at which a step no longer comes to rest.",
-        epilog="Example: cosim stability practical studies/maeda2008/step.toml --set trajectory.amplitude=1e-5 "
-        "controller.K_I=0",
     )
-    practical.add_argument("system", type=Path, metavar="SYSTEM")
+    practical.examples = ("cosim stability practical maeda2008/step --set trajectory.amplitude=1e-5 controller.K_I=0",)
+    practical.add_argument("system", type=Path, metavar="SYSTEM", help="a system file with an NCTF loop")
     set_argument(practical, several=True)
-    practical.add_argument("--gain", metavar="INST.VAR", help="default: controller.K_P")
-    practical.add_argument("--position", metavar="INST.VAR", help="default: plant.position")
-    practical.add_argument("--first", type=float, default=300.0, help="gain at which the scan begins (default: 300)")
-    practical.add_argument("--last", type=float, default=20000.0, help="gain at which it ends (default: 20000)")
-    practical.add_argument("--swing", type=float, default=50e-9, metavar="m", help="oscillation that counts")
-    practical.add_argument("--stop-time", default="0.6", metavar="s", help="end of a run (default: 0.6)")
+    practical.add_argument("--gain", metavar="INST.VAR", help="the gain that grows (default: controller.K_P)")
+    practical.add_argument(
+        "--position", metavar="INST.VAR", help="the position that must come to rest (default: plant.position)"
+    )
+    practical.add_argument(
+        "--first", type=float, default=300.0, metavar="GAIN", help="gain at which the scan begins (default: 300)"
+    )
+    practical.add_argument(
+        "--last", type=float, default=20000.0, metavar="GAIN", help="gain at which it ends (default: 20000)"
+    )
+    practical.add_argument(
+        "--swing", type=float, default=50e-9, metavar="m", help="least oscillation that counts, in m (default: 5e-8)"
+    )
+    practical.add_argument("--stop-time", default="0.6", metavar="s", help="end of a run, in s (default: 0.6)")
     common_arguments(practical, _practical)
     maps = stability.add_parser(
         "map",
         help="limits of several objects over omega_n*T_s",
         description="Linear, practical and simulated limits of the damping ratio, as a map file asks for.",
-        epilog="Example: cosim stability map studies/maeda2008/limits/friction.toml --plot friction.png",
     )
+    maps.examples = ("cosim stability map maeda2008/limits/friction --plot friction.png",)
     maps.add_argument("file", type=Path, metavar="MAP", help="a map file (.toml)")
     maps.add_argument("--plot", type=Path, metavar="FILE", help="draw the map")
     common_arguments(maps, _map)
@@ -90,6 +103,7 @@ def _practical(options: argparse.Namespace) -> int:
 def _map(options: argparse.Namespace) -> int:
     from ..design.stability import limit_map, plot_limit_map, read_map
 
+    check_plot(options.plot)
     file = read_map(options.file, fmus=options.fmus)
     with Bar("Limits") as bar:
         found = limit_map(file.system, file.cases, K=file.K, timeout=file.timeout, progress=bar.update)

@@ -8,7 +8,9 @@ from typing import Any
 
 from rich.markup import escape
 
+from ..extras import require
 from .console import Bar, fmus_argument, make_table, print_error, standard_output
+from .parser import EXIT_CODES
 
 
 def add(commands: Any) -> None:
@@ -17,11 +19,18 @@ def add(commands: Any) -> None:
         "study",
         help="run a study and write its report",
         description="Run all systems of a study and write its report: what was published, what was measured.",
-        epilog="Example: cosim study shams2010 --output results/shams2010",
     )
+    study.examples = ("cosim study purtojo2015 --runs '*_step*' --output results/purtojo2015",)
+    study.exit_codes = {
+        **EXIT_CODES,
+        0: "every run is complete, whatever the verdicts: a claim that does not hold is a finding",
+        1: "a run failed, or a file could not be written",
+    }
     study.add_argument("name", metavar="NAME", help="a study, such as shams2010; cosim list shows all")
     study.add_argument("--output", type=Path, metavar="DIR", help="folder of the report (default: results/NAME)")
-    study.add_argument("--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*'")
+    study.add_argument(
+        "--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*' (default: all)"
+    )
     study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
     study.add_argument(
         "--data", type=Path, metavar="DIR", help="folder of the files that the study reads (emps); they stay yours"
@@ -53,6 +62,7 @@ def main(
     from ..study import Outcome, find_study, judge, load_study, matching_runs, run_study
     from ..study.report import KINDS, STYLES, counts, values, write_report
 
+    require("matplotlib", "the report of a study")
     folder = find_study(name)
     study = load_study(folder)
     total = len(matching_runs(study, runs))
@@ -75,6 +85,8 @@ def main(
         heading = "Figure" if kind == "check" else "Claim"
         table = make_table("", heading, "Measured", "Verdict", title=f"{study.title}: {title}")
         for verdict in found:
+            if verdict.status == "not run":
+                continue  # the line below counts them; the report has them all
             claim = verdict.claim
             measured = values(verdict.measured, claim) if verdict.measured else verdict.reason
             style = STYLES[verdict.status]

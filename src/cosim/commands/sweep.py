@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..extras import require
 from .console import Bar, common_arguments, print_note, show
+from .parser import EXIT_CODES
 
 
 def add(commands: Any) -> None:
@@ -16,8 +18,13 @@ def add(commands: Any) -> None:
         help="run a system over many start values",
         description="Run a system over a grid, list, Latin hypercube or Sobol design of start values. "
         "The same command goes on where an interrupted sweep was.",
-        epilog="Example: cosim sweep studies/maeda2008/sweeps/gain_friction.toml --output results/gains",
     )
+    sweep.examples = ("cosim sweep maeda2008/sweeps/gain_friction --output results/gains",)
+    sweep.exit_codes = {
+        **EXIT_CODES,
+        0: "every run of the design has a row; a run that failed is a row with its reason",
+        1: "the data set could not be written, or the workers were lost",
+    }
     sweep.add_argument("file", type=Path, metavar="SWEEP", help="a sweep file (.toml)")
     sweep.add_argument(
         "--output", type=Path, metavar="DIR", help="folder of the data set (default: results/sweeps/NAME)"
@@ -33,6 +40,7 @@ def add(commands: Any) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     from ..design import sweep as sweeps
 
+    require("matplotlib", "the report of a sweep")
     plan = sweeps.read_sweep(options.file, fmus=options.fmus)
     with Bar("Runs") as bar:
 

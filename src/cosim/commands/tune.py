@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .console import Bar, common_arguments, show
+from .parser import EXIT_CODES
 
 
 def add(commands: Any) -> None:
@@ -16,8 +17,9 @@ def add(commands: Any) -> None:
         "tune",
         help="optimize parameters of a system",
         description="Look for the parameters with the least objective that keep all limits.",
-        epilog="Example: cosim tune studies/maeda2008/tunings/step_1mm.toml --start tuned.toml --base step.toml",
     )
+    tune.examples = ("cosim tune maeda2008/tunings/step_1mm --start tuned.toml --base maeda2008/step_1mm",)
+    tune.exit_codes = {**EXIT_CODES, 0: "the search has ended; the table says whether all limits are kept"}
     tune.add_argument("file", type=Path, metavar="TUNING", help="a tuning file (.toml)")
     tune.add_argument("--workers", type=int, default=2, metavar="N", help="threads (default: 2)")
     tune.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the values found")

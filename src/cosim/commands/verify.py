@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 
 from ..errors import DescriptionError
-from .console import Bar, fmus_argument, make_table, print_error, print_json, print_note, standard_output
+from .console import Bar, check_plot, fmus_argument, make_table, print_error, print_json, print_note, standard_output
+from .parser import EXIT_CODES
 
 if TYPE_CHECKING:
     from ..reference.replay import Replay, Report
@@ -23,25 +24,33 @@ def add(commands: Any) -> None:
         "verify",
         help="replay the reference results inside FMUs",
         description="Replay the reference results that FMUs carry (fmi-ls-ref), ours or foreign, and compare.",
-        epilog="Example: cosim verify BallscrewStage --plot stage.png. "
-        "Exit codes: 0 all within their tolerances, 1 a difference or a failed run, 2 an FMU or its references are "
-        "wrong or missing; the highest of all FMUs counts.",
     )
+    parser.examples = ("cosim verify BallscrewStage --plot stage.png",)
+    parser.exit_codes = {
+        **EXIT_CODES,
+        0: "all signals lie within their tolerances",
+        1: "a signal differs, or a run failed",
+        2: "an FMU or its references are wrong or missing, or an option is wrong; the highest code of all FMUs counts",
+    }
     parser.add_argument(
         "fmu",
         nargs="+",
         metavar="FMU",
         help="an .fmu file, a name in the FMU folder, or a folder: all FMUs in it",
     )
-    parser.add_argument("--interface", choices=["cs", "me"], help="default: co-simulation where an FMU has it")
+    parser.add_argument(
+        "--interface", choices=["cs", "me"], help="co-simulation or model exchange (default: cs where an FMU has it)"
+    )
     parser.add_argument(
         "--tolerance",
         type=float,
         default=1e-3,
         metavar="SHARE",
-        help="of the largest value of a reference, where the FMU states none (default: 1e-3)",
+        help="tolerance as a share of the largest value of a reference, where the FMU states none (default: 1e-3)",
     )
-    parser.add_argument("--timeout", type=float, default=60.0, metavar="SECONDS", help="for one run (default: 60)")
+    parser.add_argument(
+        "--timeout", type=float, default=60.0, metavar="SECONDS", help="end a run that takes longer (default: 60)"
+    )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw references and replay, one file an FMU")
     parser.add_argument("--json", action="store_true", help="print every signal as JSON, for scripts")
     fmus_argument(parser)
@@ -63,6 +72,7 @@ def _run(options: argparse.Namespace) -> int:
             problems += error.problems
     if problems:
         raise DescriptionError(problems)
+    check_plot(options.plot)
     reports: list[Report] = []
     found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=options.timeout)
     with Bar("Replaying") as bar:

@@ -10,9 +10,10 @@ import os
 import time as clock_time
 from collections.abc import Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from typing import Any, Protocol, Self, cast
+from typing import Protocol, Self, cast
 
 from ..errors import CosimError, DescriptionError
+from ..extras import import_extra
 from .batch import Job, run_batch
 from .dataset import RunRow
 from .plan import Point
@@ -88,11 +89,7 @@ class Cluster:
     """The workers of a dask scheduler; a context manager. Raises DescriptionError if it does not answer."""
 
     def __init__(self, address: str) -> None:
-        try:
-            import distributed as _distributed
-        except ImportError:
-            raise DescriptionError("a scheduler needs dask.distributed: install motion-cosim[tools].") from None
-        distributed = cast(Any, _distributed)
+        distributed = import_extra("distributed", "a scheduler")
         self.address = address
         self.count = 0
         try:

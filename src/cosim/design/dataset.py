@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any, cast
 
 from ..errors import DescriptionError
+from ..extras import import_extra
 from ..files import PART, reason, write_file
 from .plan import Point, Sweep, variable_of
 
+DATA_SET = "the data set of a sweep"
 ABOUT = "sweep.json"
 DAMAGED = ".damaged"
 DIGEST = b"cosim.sweep"
@@ -155,9 +157,7 @@ class DataSet:
 
     def write(self, sweep: Sweep, rows: Sequence[RunRow]) -> None:
         """Add a file with ``rows``; it is written completely or not at all. Raises FileError."""
-        import pyarrow
-
-        arrow = cast(Any, pyarrow)
+        arrow = import_extra("pyarrow", DATA_SET)
         names = list(dict.fromkeys(name for row in rows for name in row.figures))
         columns: dict[str, Any] = {"run": arrow.array([row.run for row in rows], arrow.int64())}
         for i, path in enumerate(sweep.parameters):
@@ -174,9 +174,7 @@ class DataSet:
 
     def read(self) -> Any:
         """All rows as one pyarrow table, in the order of the runs. Raises DescriptionError for a damaged file."""
-        import pyarrow
-
-        arrow = cast(Any, pyarrow)
+        arrow = import_extra("pyarrow", DATA_SET)
         parquet, broken = _parquet()
         tables: list[Any] = []
         for path in sorted(self.runs.glob("*.parquet")):
@@ -193,9 +191,4 @@ class DataSet:
 
 def _parquet() -> tuple[Any, type[Exception]]:
     """The module for Parquet files, and the exception that it raises for a damaged file."""
-    try:
-        import pyarrow as _pyarrow
-        from pyarrow import parquet as _module
-    except ImportError:
-        raise DescriptionError("the data set of a sweep needs pyarrow: install motion-cosim[tools].") from None
-    return cast(Any, _module), cast(Any, _pyarrow).ArrowException
+    return import_extra("pyarrow.parquet", DATA_SET), import_extra("pyarrow", DATA_SET).ArrowException

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..extras import import_extra
 from ..fmu.places import find_system, has_ending
 from ..master.simulation import Checkpoint, Simulation
 from ..result.metrics import Array
@@ -92,11 +93,7 @@ class StateSpace:
 
     def to_control(self) -> Any:
         """The model as a ``control.StateSpace``. Raises DescriptionError if python-control is not installed."""
-        try:
-            import control as _control
-        except ImportError:
-            raise DescriptionError("python-control is not installed: install motion-cosim[tools].") from None
-        control = cast(Any, _control)
+        control = import_extra("control", "to_control()")
         given = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
         names = {key: list(value) for key, value in given.items() if value}
         return control.ss(self.A, self.B, self.C, self.D, *([] if self.T_s is None else [self.T_s]), **names)

@@ -42,9 +42,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import DescriptionError
+from ..extras import require
 from .batch import Job, run_batch
 from .crew import BatchLost, Cluster, Crew, Threads
-from .dataset import DataSet, RunRow
+from .dataset import DATA_SET, DataSet, RunRow
 from .plan import Sweep, read_sweep
 from .workers import Limit, unload
 
@@ -124,6 +125,7 @@ def sweep(
     if workers is not None and workers < 0:
         raise DescriptionError(f"workers: {workers} is not a number of processes. Give 1 or more, or 0 for this one.")
     plan = path if isinstance(path, Sweep) else read_sweep(path, fmus=fmus)
+    require("pyarrow", DATA_SET)
     folder = Path(output) if output is not None else Path("results") / "sweeps" / Path(plan.name).stem
     data = DataSet(folder)
     with data.locked():

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, suggest
 
 Type = Literal["Real", "Integer", "Boolean", "String", "Enumeration", "Binary", "Clock"]
 """The types under their names in FMI 2.0; Binary and Clock exist only in FMI 3.0."""
@@ -69,6 +70,20 @@ class Variable:
         if self.causality in ("parameter", "input"):
             return True
         return self.variability != "constant" and self.initial in ("exact", "approx")
+
+
+def suggest_variable(
+    name: str, chosen: Iterable[Variable], arrays: Iterable[str] = (), path: Path | None = None
+) -> str:
+    """The variable that ``name`` may stand for, by name or description; else where those of FMU ``path`` are listed.
+
+    ``chosen`` are the variables that fit, ``arrays`` the names of whole arrays. Elements of arrays are meant only by
+    names with an index.
+    """
+    known = {v.name: v.description for v in chosen if "[" in name or not v.name.endswith("]")} | dict.fromkeys(
+        arrays, ""
+    )
+    return suggest(name, known, known) or ("" if path is None else f" Its variables: cosim info {path}")
 
 
 def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:

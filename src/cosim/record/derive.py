@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..extras import import_extra
 from ..units import parse_unit
 from .header import is_unit
 
@@ -36,10 +36,7 @@ def smoothed(time: Array, values: Array, order: int, *, window: float, polynomia
     ``window`` in s is the longest time that these samples may span. The sample is in the middle of the window.
     Raises DescriptionError if the window does not fit the record, or if the samples are not equally spaced.
     """
-    try:
-        signal: Any = import_module("scipy.signal")
-    except ModuleNotFoundError:
-        raise DescriptionError("smoothing needs scipy, which is not installed: install motion-cosim[tools].") from None
+    signal: Any = import_extra("scipy.signal", "smoothing")
     steps = np.diff(time)
     step = float(np.median(steps)) if steps.size else 0.0
     # The filter needs equal steps. Rounding of the times changes a step by less than a tenth.

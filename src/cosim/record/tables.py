@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..extras import import_extra
 from .csv import CsvTable
 from .description import columns_of, read_description
 
@@ -109,12 +110,7 @@ class ParquetTable(_Arrays):
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            parquet: Any = import_module("pyarrow.parquet")
-        except ModuleNotFoundError:
-            raise DescriptionError(
-                f"{path}: to read Parquet needs pyarrow, which is not installed: install motion-cosim[parquet]."
-            ) from None
+        parquet: Any = import_extra("pyarrow.parquet", f"{path}: to read Parquet")
         arrow: Any = import_module("pyarrow")
         try:
             file = parquet.ParquetFile(path)
@@ -166,12 +162,7 @@ class MatTable(_Arrays):
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            scipy_io: Any = import_module("scipy.io")
-        except ModuleNotFoundError:
-            raise DescriptionError(
-                f"{path}: to read MAT files needs scipy, which is not installed: install motion-cosim[tools]."
-            ) from None
+        scipy_io: Any = import_extra("scipy.io", f"{path}: to read MAT files")
         try:
             content = cast("dict[str, Any]", scipy_io.loadmat(path, simplify_cells=True))
         except NotImplementedError:

@@ -6,7 +6,6 @@ import contextlib
 import json
 from collections.abc import Generator, Mapping, Sequence
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..extras import require
 from ..files import Replacement, cannot_write, check_no_folder, check_writable
 from .description import Column, description_of, description_path, metadata_with
 
@@ -151,11 +151,8 @@ def check_format(path: Path) -> None:
     """Raise DescriptionError for another ending than .csv or .parquet, or for .parquet without pyarrow."""
     if path.suffix.lower() not in FORMATS:
         raise DescriptionError(f"{path}: the name must end in {' or '.join(FORMATS)}.")
-    if path.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
-        raise DescriptionError(
-            f"{path}: to write Parquet needs pyarrow, which is not installed: install motion-cosim[parquet], "
-            "or name a .csv file."
-        )
+    if path.suffix.lower() == ".parquet":
+        require("pyarrow", f"{path}: to write Parquet", "name a .csv file")
 
 
 def check_output(path: Path) -> None:

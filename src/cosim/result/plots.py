@@ -2,7 +2,8 @@
 
 Values are in SI units. Each axis has a display unit that suits the size of its values. The colours are those of Okabe
 and Ito, which colour-blind readers can tell apart, in a fixed order: give the same thing the same place in every
-picture. Long signals are drawn as their envelope, so no peak is lost. matplotlib is loaded with the first picture.
+picture. Long signals are drawn as their envelope, so no peak is lost. matplotlib (extra
+``plots``) is loaded with the first picture.
 """
 
 # matplotlib leaves the types of its keyword arguments open:
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
+from ..extras import require
 from ..files import check_writable, write_file
 from ..units import conversion
 from .metrics import Array, max_abs
@@ -160,7 +162,11 @@ def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) 
 
 
 def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: str = "png") -> bytes:
-    """The picture that ``draw`` makes, as the content of a file with this ending; ``size`` in inches."""
+    """The picture that ``draw`` makes, as the content of a file with this ending; ``size`` in inches.
+
+    Raises DescriptionError if matplotlib is not installed.
+    """
+    require("matplotlib", "to draw a picture")
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -175,9 +181,10 @@ def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: 
 
 
 def check_format(path: Path) -> None:
-    """Raise DescriptionError if the ending of ``path`` is not in PICTURES."""
+    """Raise DescriptionError if the ending of ``path`` is not in PICTURES, or if matplotlib is not installed."""
     if path.suffix.lower() not in PICTURES:
         raise DescriptionError(f"{path}: the name of a picture must end in {', '.join(PICTURES)}.")
+    require("matplotlib", f"{path}: to draw a picture")
 
 
 def check_picture(path: Path) -> None:
@@ -215,9 +222,10 @@ def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
     axes.margins(x=0.0)
     if panel.heading:
         axes.set_title(panel.heading, loc="left")
-    if len(panel.series) > 1:
+    labelled = bool(panel.series) and bool(panel.series[0].label)
+    if len(panel.series) > 1 or (panel.heading and labelled):
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=min(len(panel.series), 4), borderaxespad=0.0)
-    elif panel.series and panel.series[0].label:
+    elif labelled:
         axes.set_title(panel.series[0].label)
 
 
@@ -232,7 +240,7 @@ def plot_panels(
 ) -> None:
     """Write a picture of panels below each other (row by row if there are several ``columns``), over a common x axis.
 
-    A panel with one line has the line's label as its title; a panel with several lines has a legend. ``x_unit`` is an
+    A panel with one line and no heading has the line's label as its title; other panels have a legend. ``x_unit`` is an
     SI unit. Raises DescriptionError without panels or for an unknown ending, FileError if the file cannot be written.
     """
     if not panels:

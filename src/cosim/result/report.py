@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from ..errors import DescriptionError
+from ..extras import require
 from ..files import check_writable, write_file
 from .metrics import Array
 from .plots import COLOURS, Panel, display_unit, envelope, largest, typeset
@@ -98,10 +98,7 @@ def check_report(path: Path) -> None:
     """Check that a page can be written to ``path``. Raises DescriptionError if it cannot, or if plotly is missing."""
     if path.suffix.lower() not in ENDINGS:
         raise DescriptionError(f"{path}: the name of a report must end in {' or '.join(ENDINGS)}.")
-    if find_spec("plotly") is None:
-        raise DescriptionError(
-            f"{path}: to write a report needs plotly, which is not installed: install motion-cosim[report]."
-        )
+    require("plotly", f"{path}: to write a report")
     check_writable(path)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, cast
 
 from ..errors import suggest
-from ..fmu.variables import Variable
+from ..fmu.variables import Variable, suggest_variable
 from ..units import Unit
 from .findings import Findings
 from .parts import Connection, Noise, Ports, SignalSource
@@ -220,7 +220,8 @@ def _checked(
             findings.problem(where, f"'{name}' is a record: nothing can be connected to it.")
         else:
             what = "column" if isinstance(fmu, SignalSource) else causality
-            hint = _missing_derivative(fmu, variable) or suggest(variable, known)
+            fitting = (fmu.variables[each] for each in known)
+            hint = _missing_derivative(fmu, variable) or suggest_variable(variable, fitting)
             findings.problem(where, f"{fmu.name} has no {what} '{variable}'.{hint}")
     if len(findings.problems) > before or len(found) < 2:
         return None

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError
 from ..fmu.description import Array, Fmu, read_fmu
 from ..fmu.places import find_fmu
-from ..fmu.variables import Value, Variable
+from ..fmu.variables import Value, Variable, suggest_variable
 from .findings import Findings
 from .parts import Instance
 from .values import flat_table, show_value, start_value
@@ -104,8 +104,9 @@ def _starts(where: str, fmu: Fmu, value: object, findings: Findings) -> dict[str
         elif name in fmu.arrays:
             _array_start(f"{where}.{name}", fmu, fmu.arrays[name], given, result, findings)
         else:
-            known = [n for n, v in fmu.variables.items() if v.settable and not n.endswith("]")] + list(fmu.arrays)
-            findings.problem(f"{where}.{name}", f"{fmu.name} has no variable '{name}'.{suggest(name, known)}")
+            known = [v for v in fmu.variables.values() if v.settable]
+            hint = suggest_variable(name, known, fmu.arrays, fmu.path)
+            findings.problem(f"{where}.{name}", f"{fmu.name} has no variable '{name}'.{hint}")
     return result
 
 

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from ..errors import suggest
 from ..fmu.description import Fmu
+from ..fmu.variables import suggest_variable
 from .findings import Findings
 from .parts import Connection, Ports
 from .values import is_numeric, show_value
@@ -67,8 +68,8 @@ def _recorded(
             yield from _recorded(f"{name}.{element}", ports, declared, findings)
     elif not exact:
         port = ports[name]
-        known = [v for v in port.variables if not v.endswith("]")]
-        findings.problem(where, f"'{pattern}': {port.name} has no variable '{variable}'.{suggest(variable, known)}")
+        hint = suggest_variable(variable, port.variables.values(), port.arrays)
+        findings.problem(where, f"'{pattern}': {port.name} has no variable '{variable}'.{hint}")
     elif not is_numeric(ports[name].variables[variable]):
         kind = ports[name].variables[variable].type
         findings.problem(where, f"'{pattern}' is a {kind}; only numbers are recorded.")

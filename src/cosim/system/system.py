@@ -74,7 +74,7 @@ from typing import Any
 
 from ..errors import DescriptionError, suggest
 from ..fmu.places import find_system, has_ending
-from ..fmu.variables import Value, Variable
+from ..fmu.variables import Value, Variable, suggest_variable
 from .check import checked_fields
 from .document import changed_document, load_document
 from .parts import Connection, Instance, Order, Ports, SignalSource, system_digest
@@ -128,7 +128,8 @@ class System:
         signal = next((signal for signal in self.signals if signal.name == instance), None)
         fmu: Ports = self.instance(instance).fmu if signal is None else signal
         if name not in fmu.variables:
-            raise DescriptionError(f"{self.name}: {fmu.name} has no variable '{name}'.{suggest(name, fmu.variables)}")
+            hint = suggest_variable(name, fmu.variables.values(), fmu.arrays)
+            raise DescriptionError(f"{self.name}: {fmu.name} has no variable '{name}'.{hint}")
         return fmu.variables[name]
 
     def changed(

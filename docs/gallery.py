@@ -1,0 +1,56 @@
+"""What sphinx-gallery lacks: pictures that are no figures of pyplot, and outputs that are always the same.
+
+A cell that ends with a picture shows it, as a notebook does. A picture is an object with ``_repr_png_`` or
+``_repr_svg_``: that of ``cosim.plot``, or a file that a command wrote. Its title, its panels and their lines are the
+text for readers who do not see it.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from sphinx.errors import ExtensionError
+from sphinx_gallery.scrapers import figure_rst
+
+from docs.shell import cleaned
+
+
+def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
+    """The picture that the last expression of a cell gives, as reStructuredText. Empty without one."""
+    body = ast.parse(block.content).body
+    shown = block_vars["example_globals"].get("___") if body and isinstance(body[-1], ast.Expr) else None
+    for ending in ("svg", "png"):
+        content = getattr(shown, f"_repr_{ending}_", None)
+        if content is None:
+            continue
+        alt = _alternative_text(shown)
+        if not alt:
+            place = f"{Path(block_vars['src_file']).name}:{block.lineno}"
+            raise ExtensionError(f"{place}: a picture without title. Give it one: its readers may not see it.")
+        path = Path(next(block_vars["image_path_iterator"])).with_suffix(f".{ending}")
+        picture = content()
+        path.write_bytes(picture if isinstance(picture, bytes) else picture.encode())
+        return figure_rst([path], gallery_conf["src_dir"], alt)
+    return ""
+
+
+def _alternative_text(picture: Any) -> str:
+    """The title, and each panel with the labels of its lines."""
+    parts = [str(getattr(picture, "title", ""))]
+    for panel in getattr(picture, "panels", ()):
+        labels = ", ".join(series.label for series in panel.series if series.label)
+        parts.append((panel.heading or panel.quantity) + (f": {labels}" if labels else ""))
+    return "; ".join(part for part in parts if part)
+
+
+def tidy(app: Any, doctree: nodes.document) -> None:
+    """Take computing times and folders of this machine from what the cells printed."""
+    for block in doctree.findall(nodes.literal_block):
+        if "sphx-glr-script-out" in block["classes"]:
+            text = cleaned(block.astext())
+            block.rawsource = text  # Sphinx colours a block only if the two are equal
+            block.children = [nodes.Text(text)]
+            block.children[0].parent = block

@@ -1,0 +1,53 @@
+"""The parser of ``cosim`` and of its commands: argparse, with examples and exit codes at the end of the help."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import textwrap
+from collections.abc import Mapping, Sequence
+
+EXIT_CODES: Mapping[int, str] = {
+    0: "done",
+    1: "a simulation failed or a file could not be written",
+    2: "a file, a name, a value or an option is wrong",
+    129: "ended by SIGHUP",
+    130: "interrupted (Ctrl-C)",
+    143: "ended by SIGTERM",
+}
+"""Exit code -> its meaning, for every command that says nothing else."""
+LONGEST_LINE = 78
+"""Longest line of an example in characters. A longer command goes on in the next line, after a backslash."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose help ends with examples and exit codes. The reference page of a command shows the same texts."""
+
+    examples: Sequence[str] = ()
+    """Complete commands. Each runs with what comes with cosim, or in the folder of the source tree."""
+    exit_codes: Mapping[int, str] = EXIT_CODES
+
+    def format_help(self) -> str:
+        """The help as argparse writes it, then the examples and the exit codes."""
+        width = shutil.get_terminal_size().columns - 2
+        lines: list[str] = []
+        if self.examples:
+            lines += ["", "examples:"]
+            lines += [f"  {line}" for example in self.examples for line in broken(example).splitlines()]
+        lines += ["", "exit codes:"]
+        for code, meaning in self.exit_codes.items():
+            lines += textwrap.wrap(f"{code:<5}{meaning}", width, initial_indent="  ", subsequent_indent=" " * 7)
+        return super().format_help() + "\n".join(lines) + "\n"
+
+
+def broken(command: str) -> str:
+    """A command for a shell in lines of at most ``LONGEST_LINE`` characters; a line ends before an option."""
+    first, *parts = re.split(r" (?=-)", command)
+    lines = [first]
+    for part in parts:
+        if len(lines[-1]) + len(part) + 3 <= LONGEST_LINE:
+            lines[-1] += f" {part}"
+        else:
+            lines.append(f"    {part}")
+    return " \\\n".join(lines)

@@ -1,0 +1,161 @@
+"""The built site: links lead somewhere, nothing comes from elsewhere, search finds, and everybody can read it.
+
+``make docs`` runs it after the build; pytest does not collect it by itself, because it needs build/site/html.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from conftest import ROOT
+from lxml import html
+
+SITE = ROOT / "build" / "site" / "html"
+PAGES = sorted(path.relative_to(SITE).as_posix() for path in SITE.rglob("*.html") if "_static" not in path.parts)
+SHOWN = (
+    "index.html",
+    "start.html",
+    "tutorial/2_your_machine.html",
+    "components/index.html",
+    "components/BallscrewStage.html",
+    "reference/index.html",
+    "reference/formats/system.html",
+    "explanations/index.html",
+    "physics.html",
+    "search.html",
+)
+"""Pages that are opened in a browser: one of each kind."""
+QUESTIONS = {
+    "lugre friction": ("components/BallscrewStage", "physics"),
+}
+"""What a newcomer types into the search, and the pages that answer it; one of them is among the first five."""
+LOADING = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src", "object": "data"}
+"""Elements that a browser loads by themselves."""
+
+
+@cache
+def document(page: str) -> Any:
+    return html.parse(str(SITE / page)).getroot()
+
+
+@cache
+def anchors(page: str) -> set[str]:
+    return {*document(page).xpath("//@id"), *document(page).xpath("//a/@name")}
+
+
+def test_there_is_a_site() -> None:
+    assert len(PAGES) > 50, "python -m docs.build makes it"
+
+
+def test_every_link_leads_somewhere() -> None:
+    wrong: list[str] = []
+    for page in PAGES:
+        for target in document(page).xpath("//a/@href | //img/@src | //link/@href | //script/@src"):
+            parts = urlsplit(target)
+            if parts.scheme or parts.netloc:
+                continue
+            path = (SITE / page).parent / unquote(parts.path) if parts.path else SITE / page
+            if not path.is_file():
+                wrong.append(f"{page}: {target}")
+            elif path.suffix == ".html" and parts.fragment:
+                to = path.resolve().relative_to(SITE).as_posix()
+                if unquote(parts.fragment) not in anchors(to):
+                    wrong.append(f"{page}: {target}: no such place")
+    assert wrong == []
+
+
+def test_nothing_is_loaded_from_elsewhere() -> None:
+    wrong = [
+        f"{page}: {address}"
+        for page in PAGES
+        for name, key in LOADING.items()
+        for address in document(page).xpath(f"//{name}/@{key}")
+        if urlsplit(address).netloc and document(page).xpath(f"//{name}[@{key}=$a][not(@rel='canonical')]", a=address)
+    ]
+    assert wrong == []
+
+
+def test_every_picture_says_what_it_shows() -> None:
+    wrong = [
+        f"{page}: {picture.get('src')}"
+        for page in PAGES
+        for picture in document(page).xpath("//img")
+        if not (picture.get("alt") or "").strip() or (picture.get("alt") or "").endswith((".png", ".svg"))
+    ]
+    assert wrong == []
+
+
+def test_no_page_names_a_folder_of_this_machine() -> None:
+    folders = (str(ROOT), str(Path.home()))
+    wrong = [page for page in PAGES for folder in folders if f"{folder}/" in (SITE / page).read_text(encoding="utf-8")]
+    assert wrong == []
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: install the extra test")
+    with contextlib.ExitStack() as resources:
+        try:
+            playwright = resources.enter_context(api.sync_playwright())
+        except Exception as error:
+            pytest.skip(f"the driver of playwright does not start: {error} (Debian: apt-get install libatomic1)")
+        own = playwright.chromium.executable_path
+        names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+        path = own if Path(own).exists() else next(filter(None, map(shutil.which, names)), None)
+        if path is None:
+            pytest.skip("no Chromium on this machine (apt-get install chromium, or playwright install chromium)")
+        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", SHOWN)
+def test_pages_fit_and_everybody_can_read_them(browser: Any, name: str, scheme: str, width: int) -> None:
+    from axe_playwright_python.sync_playwright import Axe
+
+    page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((SITE / name).as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    found = Axe().run(page).response["violations"]
+    serious = [
+        f"{rule['id']}: {node['html'][:200]}"
+        for rule in found
+        if rule["impact"] in ("serious", "critical")
+        for node in rule["nodes"][:3]
+    ]
+    assert serious == []
+    assert [address for address in asked if not address.startswith(("file:", "data:"))] == []
+    page.close()
+
+
+def results(browser: Any, question: str) -> list[str]:
+    """The pages that the search of the site lists, best first."""
+    page = browser.new_page()
+    page.goto(f"{(SITE / 'search.html').as_uri()}?q={question}")
+    page.wait_for_selector("#search-results p.search-summary")
+    page.wait_for_function(
+        "document.querySelector('.search-summary').textContent.includes('found') ||"
+        "document.querySelector('.search-summary').textContent.includes('match')"
+    )
+    addresses = page.eval_on_selector_all("#search-results li a", "links => links.map(link => link.href)")
+    page.close()
+    prefix = f"{SITE.as_uri()}/"
+    return [urlsplit(address.removeprefix(prefix)).path.removesuffix(".html") for address in addresses]
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_search_answers(browser: Any, question: str) -> None:
+    first = results(browser, question)[:5]
+    assert set(first) & set(QUESTIONS[question]), json.dumps(first)
