@@ -20,6 +20,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "docs.access",
+    "docs.keys",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -46,9 +47,9 @@ sphinx_gallery_conf = {
     "examples_dirs": ["tutorials"],
     "gallery_dirs": ["tutorial"],
     "filename_pattern": r"\.py$",
+    "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
     "capture_repr": ("_repr_html_",),
-    "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,

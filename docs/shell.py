@@ -34,22 +34,24 @@ from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[1]
 COMPUTING_TIME = re.compile(
-    r"^.* times real time *\n|(?<=runs of a record) in \S+ s|(?<= passed) in \S+s$", re.MULTILINE
+    r"^(.* times real time| *Elapsed .* s) *\n|(?<=runs of a record) in \S+ s|(?<= passed) in \S+s$", re.MULTILINE
 )
 TIME_COLUMN = "Time / s"
 FOLDER = re.compile(r"(?<!\S)/\S+/(?=\S)")
 """The folders of an absolute path, up to the name of the file."""
-WIDTH = 80
-"""Characters of a line of output: what a terminal would break, the page breaks, too."""
+WIDTH, TOO_LONG = 80, 100
+"""Lines of output with more characters are sentences, not tables: they are broken as a terminal breaks them."""
 LINKS = ("build", "docs", "fmus", "studies")
 """What lies in the folder of a page as in a checkout."""
 
 
 def cleaned(text: str) -> str:
-    """A program's output that is the same each time: no computing times, no folders of this machine, lines as wide as a
-    terminal, no blanks at their ends."""
+    """A program's output that is the same each time: no computing times, no folders of this machine, long
+    sentences broken, no blanks at the ends of lines."""
     text = FOLDER.sub("", COMPUTING_TIME.sub("", _without_time_column(text)))
-    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, WIDTH, drop_whitespace=False) or [""]]
+    lines: list[str] = []
+    for line in text.splitlines():
+        lines += textwrap.wrap(line, WIDTH) if len(line) > TOO_LONG else [line]
     return "\n".join(line.rstrip() for line in lines).strip("\n")
 
 

@@ -230,7 +230,7 @@ run("pytest -q -p no:cacheprovider test_pole_pid.py")
 # friction of a model at the *reference* velocity. Its model has 0.8 of the true dry friction, as a model is never
 # perfect, and ``share`` switches it.
 (FOLDER / "loop.toml").write_text("""
-description = "My controller on the ballscrew stage, 5 mm at 0.5 Hz"
+description = "My controller on the ballscrew stage, 2 mm at 1 Hz"
 connections = [
     "trajectory.position -> controller.position_ref",
     "trajectory.velocity -> controller.velocity_ref",
@@ -242,13 +242,13 @@ connections = [
 ]
 
 [experiment]
-stop_time = 2.0
+stop_time = 1.4
 step_size = 1e-4
 order = ["trajectory", "controller", "friction", "plant"]
 
 [instances.trajectory]
 fmu = "Trajectory"
-start = { kind = "sine", amplitude = 5e-3, frequency = 0.5, soft_start = 0.5 }
+start = { kind = "sine", amplitude = 2e-3, frequency = 1.0, soft_start = 0.4 }
 
 [instances.controller]
 fmu = "fmus/PolePid.fmu"
@@ -283,7 +283,7 @@ without = cosim.simulate(system)
 compensated = cosim.simulate(system.changed({"friction.share": 1.0}))
 
 
-def rms(result, start=0.6):
+def rms(result, start=0.5):
     """The tracking error in um from ``start`` seconds on."""
     part = cosim.metrics.window(result.time, start)
     return 1e6 * cosim.metrics.rms((result["trajectory.position"] - result["plant.position"])[part])
@@ -345,7 +345,7 @@ activity = 4e5
 order = "parallel"
 
 [metrics]
-window = [0.6, 2.0]
+window = [0.5, 1.4]
 error = { of = "rms", signal = "controller.error" }
 activity = { of = "total_variation", signal = "friction.command" }
 """)

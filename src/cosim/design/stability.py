@@ -440,7 +440,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
     """
     path = shipped_file(path)
     data = read_table(path, MapData)
-    system = read_system(path.parent / data.system, fmus=fmus)
+    system = read_system(shipped_file(data.system, path.parent), fmus=fmus)
     names = nctf_names().controller
     controller = data.controller or names.instance
     cases: list[Case] = []
