@@ -4,8 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PYTHON CONSTRAINTS
 
-.PHONY: demo test lint fmus wheel study bench docs conformance platforms lowest constraints clean build-tools test-tools \
-	lint-tools docs-tools
+.PHONY: demo test lint fmus wheel release study bench docs conformance platforms lowest constraints clean build-tools \
+	test-tools lint-tools docs-tools
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
@@ -28,6 +28,16 @@ fmus: build-tools
 wheel: build-tools
 	$(BIN)/python build_fmus.py --platform all --output build/fmus/release
 	$(BIN)/hatchling build --directory build/dist
+
+# build/release: wheel, sdist, site, bill of materials, SHA256SUMS; the same commit gives the same bytes
+release: export CONSTRAINTS := constraints.txt
+release:
+	@sh .ci/venv build docs plots release test
+	$(BIN)/python .ci/release.py check
+	$(MAKE) wheel
+	$(BIN)/python build_fmus.py
+	$(BIN)/python -m docs.build
+	$(BIN)/python .ci/release.py collect
 
 # the documentation as a site, build/site/html/index.html: its tutorials and examples run while it is built
 docs: docs-tools fmus
@@ -69,7 +79,7 @@ lowest: build-tools
 constraints: build-tools
 	rm -rf build/constraints
 	$(BIN)/python -m venv build/constraints
-	build/constraints/bin/python -m pip install --quiet --editable ".[build,importers,test,lint]"
+	build/constraints/bin/python -m pip install --quiet --editable ".[build,docs,importers,lint,release,test]"
 	echo "# Written by make constraints: what CI installs." > constraints.txt
 	build/constraints/bin/python -m pip freeze --exclude-editable >> constraints.txt
 

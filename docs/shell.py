@@ -33,7 +33,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[1]
-COMPUTING_TIME = re.compile(r"^(.* times real time| *Elapsed .* s) *\n", re.MULTILINE)
+COMPUTING_TIME = re.compile(r"^(.* times real time| *Elapsed .* s) *\n|(?<=runs of a record) in \S+ s", re.MULTILINE)
 FOLDER = re.compile(r"(?<!\S)/\S+/(?=\S)")
 """The folders of an absolute path, up to the name of the file."""
 WIDTH, TOO_LONG = 80, 100

@@ -222,9 +222,10 @@ def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
     axes.margins(x=0.0)
     if panel.heading:
         axes.set_title(panel.heading, loc="left")
-    if len(panel.series) > 1:
+    labelled = bool(panel.series) and bool(panel.series[0].label)
+    if len(panel.series) > 1 or (panel.heading and labelled):
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=min(len(panel.series), 4), borderaxespad=0.0)
-    elif panel.series and panel.series[0].label:
+    elif labelled:
         axes.set_title(panel.series[0].label)
 
 
@@ -239,7 +240,7 @@ def plot_panels(
 ) -> None:
     """Write a picture of panels below each other (row by row if there are several ``columns``), over a common x axis.
 
-    A panel with one line has the line's label as its title; a panel with several lines has a legend. ``x_unit`` is an
+    A panel with one line and no heading has the line's label as its title; other panels have a legend. ``x_unit`` is an
     SI unit. Raises DescriptionError without panels or for an unknown ending, FileError if the file cannot be written.
     """
     if not panels:
