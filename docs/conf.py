@@ -20,6 +20,8 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "docs.access",
+    "docs.docstrings",
+    "docs.keys",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -31,6 +33,13 @@ suppress_warnings = [
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
 myst_heading_anchors = 4
+
+autodoc_preserve_defaults = True
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {"Array": "Array", "NDArray": "NDArray"}
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 60
+toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"
 html_title = "motion-cosim"
@@ -51,7 +60,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
-    "ignore_repr_types": "Picture|SimpleNamespace",  # shown as pictures
+    "capture_repr": ("_repr_html_",),
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,

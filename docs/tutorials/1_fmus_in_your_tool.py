@@ -1,10 +1,10 @@
 r"""Use the FMUs in your own tool
 =============================
 
-You have a tool that imports FMUs: Simulink, Dymola, OpenModelica, OMSimulator, or a program of your own. This tutorial
-takes three FMUs out of the package, looks at them, couples them to a closed loop with some 20 lines of another program (FMPy),
-and shows the figure that tells whether the coupling is right. The loop is a reference position, a fuzzy sliding-mode
-controller and a ballscrew stage with LuGre friction, sampled at 10 kHz.
+You have a tool that imports FMUs: Simulink, Dymola, OpenModelica, OMSimulator, or a program of your own. This
+tutorial takes three FMUs out of the package, looks at them, couples them to a closed loop with another program (some
+20 lines of FMPy), and shows the figure that tells whether the coupling is right. The loop is a reference position, a
+fuzzy sliding-mode controller and a ballscrew stage with LuGre friction, sampled at 10 kHz.
 
 **You need** the wheel of motion-cosim, nothing else. FMPy comes with it; cosim itself is used for the comparison only.
 """
@@ -355,4 +355,6 @@ run("cosim run loop.ssp")
 #   Dymola, with the number that each should give.
 # * :doc:`/importers` says in which tools all FMUs were run, how far the results differ, and which bugs were met.
 # * :doc:`/fmi3` says what differs in FMI 3.0.
+#
+# The last line deletes the temporary folder.
 temporary.cleanup()

@@ -2,9 +2,9 @@ r"""Reproduce a paper and change it
 ===============================
 
 A chapter of 2010 claims that a fuzzy sliding-mode controller positions a ballscrew stage better than two other
-sliding-mode controllers (Shams and Safdari, *Fuzzy sliding mode control of a ball screw driven stage*). You want to know
-three things before you use it: does the claim hold when the equations are solved again? How was that decided? And does
-it hold for *your* machine, with another mass, other friction, a slower controller?
+sliding-mode controllers (Shams and Safdari, *Fuzzy sliding mode control of a ball screw driven stage*). You want to
+know three things before you use it: does the claim hold when the equations are solved again? How was that decided? And
+does it hold for *your* machine, with another mass, other friction, a slower controller?
 
 **You need** the wheel of motion-cosim with the extra ``tools``. The systems of the chapter come with it.
 """
@@ -41,8 +41,9 @@ def show(name, title):
 # One closed loop of the chapter
 # ------------------------------
 #
-# A system file names the FMUs, their wires and the step. ``shams2010/fsmc_5sin`` is the stage under the fuzzy controller,
-# which follows 5 mm times sin t. ``check`` says how it will run, before it runs; what is suspicious comes as a note.
+# A system file names the FMUs, their wires and the step. ``shams2010/fsmc_5sin`` is the stage under the fuzzy
+# controller, which follows 5 mm times sin t. ``check`` says how it will run, before it runs; what is suspicious comes
+# as a note.
 run("cosim check shams2010/fsmc_5sin")
 
 # %%
@@ -57,11 +58,11 @@ run("cosim study shams2010 --runs *_step* --output report")
 # %%
 # **Read two tables, and never add them up.** They answer different questions:
 #
-# * *Claims of the paper*: does the published statement hold for these equations? Here a claim can fail although the code
-#   is right. The step shows it: the chapter says that the complementary controller (CSMC) leaves no error, and it leaves
-#   one; it says that the fuzzy controller (FSMC) sets its command to zero, and the command holds the friction.
-# * *Checks of our code*: is a figure the same as in an independent simulation of the same equations, by other code? Here
-#   agreement proves the code, not the model.
+# * *Claims of the paper*: does the published statement hold for these equations? Here a claim can fail although the
+#   code is right. The step shows it: the chapter says that the complementary controller (CSMC) leaves no error, and it
+#   leaves one; it says that the fuzzy controller (FSMC) sets its command to zero, and the command holds the friction.
+# * *Checks of our code*: is a figure the same as in an independent simulation of the same equations, by other code?
+#   Here agreement proves the code, not the model.
 #
 # The report has the pictures as well. This one is at 10 kHz:
 show("report/tracking_step.png", "Step of 1 mm: error and command of the three controllers over time")
@@ -100,9 +101,9 @@ assert 3.0 < found["C3"]["measured"][""] / 0.05 < 4.0
 # What do the words mean?
 #
 # * **reproduced**: the statement holds, with the settings that the paper gives.
-# * **fitted**: it holds, but with a choice that was made *after* its figure was seen. The order of the errors (C1) is one:
-#   the chapter does not say which sliding surface it used, and the one was taken that gives this order. Such a claim is
-#   explained, not confirmed.
+# * **fitted**: it holds, but with a choice that was made *after* its figure was seen. The order of the errors (C1) is
+#   one: the chapter does not say which sliding surface it used, and the one was taken that gives this order. Such a
+#   claim is explained, not confirmed.
 # * **not reproduced**: it does not hold. That may be our reading, too; the report shows other readings, not counted.
 # * **not checkable**: nothing was published that could be compared.
 #
@@ -111,13 +112,14 @@ assert 3.0 < found["C3"]["measured"][""] / 0.05 < 4.0
 # Change it: is it true for your machine?
 # ---------------------------------------
 #
-# Now leave the paper. Take another reference, 1 mm times sin 2πt at 10 kHz, and change what will differ on your machine:
-# the moving mass (doubled), the friction (half as much again, and half), the sampling time (five times longer), a command
-# that comes one sample late, and a friction whose bristles are damped only while the screw is slow (``v_d``; see
-# :doc:`/physics`). The controllers keep the model of the chapter, as a controller does whose data sheet is wrong.
+# Now leave the paper. Take another reference, 1 mm times sin 2πt at 10 kHz, and change what will differ on your
+# machine: the moving mass (doubled), the friction (half as much again, and half), the sampling time (five times
+# longer), a command that comes one sample late, and a friction whose bristles are damped only while the screw is slow
+# (``v_d``; see :doc:`/physics`). The controllers keep the model of the chapter, as a controller does whose data sheet
+# is wrong.
 #
-# Start values are overridden by ``instance.variable``. The sampling time is a parameter of the controller, so the step of
-# the run must follow it. Figures are taken from 0.5 s to 1.5 s, one period.
+# Start values are overridden by ``instance.variable``. The sampling time is a parameter of the controller, so the step
+# of the run must follow it. Figures are taken from 0.5 s to 1.5 s, one period.
 import cosim
 
 CONTROLLERS = ("smc", "csmc", "fsmc")
@@ -180,7 +182,8 @@ for change in changes:
 # %%
 # The mass changes next to nothing: the table's share of the inertia at the screw is small against what friction does.
 #
-# **What does not stay true.** The *size* of the fuzzy controller's error does: it lives from a friction model that fits.
+# **What does not stay true.** The *size* of the fuzzy controller's error does: it lives from a friction model that
+# fits.
 for change in ("friction x 1.5", "friction x 0.5", "v_d = 0.01 rad/s"):
     print(f"{change}: error of FSMC times {rms[change, 'fsmc'] / rms['as published', 'fsmc']:.1f}")
     assert rms[change, "fsmc"] > 3.0 * rms["as published", "fsmc"]
@@ -196,8 +199,8 @@ assert rms["T_s = 0.5 ms", "csmc"] > rms["T_s = 0.5 ms", "smc"]
 # Look at the runs, not only at numbers
 # -------------------------------------
 #
-# A figure says how much, a picture says why. Here is the fuzzy controller, as published, with more friction, and with the
-# other release of the bristles. What to look at: the peaks of the error. They stand where the reference turns round
+# A figure says how much, a picture says why. Here is the fuzzy controller, as published, with more friction, and with
+# the other release of the bristles. What to look at: the peaks of the error. They stand where the reference turns round
 # (0.25 s, 0.75 s ...), and they are what the larger rms consists of.
 cosim.plot(
     [results[change, "fsmc"] for change in ("as published", "friction x 1.5", "v_d = 0.01 rad/s")],
@@ -242,10 +245,10 @@ run("cosim run my_stage.toml --stop-time 1.5")
 # -----------------
 #
 # * **A rule that needs runs you left out** is told as *not run*, never guessed.
-# * **A step that does not fit.** With ``T_s`` changed and the step left at 0.1 ms the controller samples every fifth step,
-#   which is right and may be what you want. ``check`` shows both.
-# * **A figure on the edge.** Stick-slip amplifies small differences. Some claims are therefore judged on copies of the run
-#   with values changed by a millionth, too; a verdict counts if it holds for all of them.
+# * **A step that does not fit.** With ``T_s`` changed and the step left at 0.1 ms the controller samples every fifth
+#   step, which is right and may be what you want. ``check`` shows both.
+# * **A figure on the edge.** Stick-slip amplifies small differences. Some claims are therefore judged on copies of the
+#   run with values changed by a millionth, too; a verdict counts if it holds for all of them.
 #
 # Where to go from here
 # ---------------------

@@ -178,7 +178,7 @@ class _Reader:
         self.data, self.name, self.folder, self.fmus = data, name, folder, fmus
         self.problems = problems
         self.notes: list[str] = []
-        path = shipped_file(folder / data.system)
+        path = shipped_file(data.system, folder)
         try:
             self.system_folder, self.document = path.parent, load_document(path)
         except DescriptionError as error:

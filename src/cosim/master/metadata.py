@@ -15,6 +15,37 @@ from ..system.parts import Connection
 from ..system.system import System
 from .instance import fmpy
 
+METADATA: Mapping[str, str] = {
+    "system": "Name of the system file, or of the FMU that ran alone.",
+    "description": "The system's description.",
+    "system_digest": "SHA-256 of all that determines the result: system, FMUs and records.",
+    "start_time": "Start of the run in s.",
+    "stop_time": "End of the run in s, as the system asked for it.",
+    "step_size": "Communication step in s.",
+    "order": '"sequential", "parallel" or the list of instances that the system gives.',
+    "evaluation_order": "The instances in the order in which they stepped.",
+    "tolerance": "Relative tolerance that the FMUs got; null without.",
+    "decimation": "Every n-th communication point is in the result.",
+    "connections": "The connections as text.",
+    "wires": "The connections as tables: from, to, units of both ends, factor, noise.",
+    "transformations": "Connection -> [factor, offset], for those that change values.",
+    "fmus": "Instance -> its FMU: name, SHA-256, version of FMI, version, description.",
+    "signals": "Record that fed the run -> its file and SHA-256.",
+    "start_values": "Start values that differ from those of the FMU, with these and the unit.",
+    "notes": "What was legal but suspicious before the run.",
+    "versions": "Versions of Python, of the platform, of FMPy and of this package.",
+    "steps": "Number of communication steps that were done.",
+    "warnings": "Number of warnings of the FMUs.",
+    "total_seconds": "Computing time of the whole run in s.",
+    "stepping_seconds": "Computing time of the steps in s.",
+    "partial": "true if the run ended early: it holds what was computed until then.",
+    "solver": "Instance -> what its integrator counted.",
+    "messages": "What the FMUs logged: time in s, instance, status, category, text.",
+    "dropped_messages": "Number of messages beyond those that are kept.",
+    "columns": "Name, unit, description, display unit, factor and offset of every column.",
+}
+"""Entry of the metadata in the file of a run -> its meaning."""
+
 
 def result_columns(system: System) -> tuple[Column, ...]:
     """The columns that a run of ``system`` records, in the order of its rows."""
