@@ -334,9 +334,9 @@ generations = 3
 population = 5
 
 [parameters]
-"controller.pole_1" = { from = 1100.0, to = 8000.0, log = true }
-"controller.pole_2" = { from = 100.0, to = 2000.0, log = true }
-"controller.pole_3" = { from = 20.0, to = 2000.0, log = true }
+"controller.pole_1" = { from = 1100.0, to = 4000.0, log = true }
+"controller.pole_2" = { from = 100.0, to = 1000.0, log = true }
+"controller.pole_3" = { from = 100.0, to = 1000.0, log = true }
 
 [limits]
 activity = 4e5
