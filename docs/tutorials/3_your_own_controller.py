@@ -36,15 +36,15 @@ def run(command):
 # Write the equations
 # -------------------
 #
-# With the error :math:`e = r - x`, the force
+# With the error :math:`e = x_r - x` of position, the error :math:`v_r - v` of velocity, and the acceleration
+# :math:`w_r` of the reference, the force
 #
 # .. math::
 #
-#     F = M \left(\ddot r + a_1 e + a_0 \int e \, dt\right) + (M a_2 - B) (\dot r - \dot x) + B \dot r
+#     F = M \left(w_r + a_1 e + a_0 \int e \, dt\right) + (M a_2 - B) (v_r - v) + B v_r
 #
-# makes the error of the plant :math:`M \ddot x + B \dot x = F` obey
-# :math:`\dddot e + a_2 \ddot e + a_1 \dot e + a_0 e = 0`. The coefficients follow from the poles:
-# :math:`a_2 = p_1 + p_2 + p_3`, :math:`a_1 = p_1 p_2 + p_2 p_3 + p_3 p_1`, :math:`a_0 = p_1 p_2 p_3`.
+# makes the error of a mass with damping obey :math:`e''' + a_2 e'' + a_1 e' + a_0 e = 0`. The coefficients follow from
+# the poles: :math:`a_2 = p_1 + p_2 + p_3`, :math:`a_1 = p_1 p_2 + p_2 p_3 + p_3 p_1`, :math:`a_0 = p_1 p_2 p_3`.
 #
 # A component is one class in one file. What it needs:
 #
