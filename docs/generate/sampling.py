@@ -18,6 +18,8 @@ from cosim.result.metrics import Array
 from cosim.result.plots import COLOURS, save
 
 STEP = 1e-3
+START = 0.01
+"""Start of the runs, s: so a command that belongs to no sample, 0 before the first, is told from that of the first."""
 SEQUENTIAL = ("trajectory", "controller", "plant")
 
 
@@ -43,16 +45,23 @@ SETTINGS = (
 
 
 def used_samples(setting: Setting, stop: float = 0.02) -> tuple[Array, Array]:
-    """Start of each step, and the time of the sample to which the command of the stage in it belongs, s."""
+    """Start of each step, and the time of the sample to which the command of the stage in it belongs, s from the start.
+
+    Before the first sample has arrived the latter is negative.
+    """
+    order = setting.order if setting.order == "parallel" else list(setting.order)
     system = cosim.make_system(
         {
             "connections": [
                 "trajectory.position -> controller.position_ref",
                 {"from": "controller.command", "to": "plant.command"},
             ],
-            "experiment": {"stop_time": stop, "step_size": setting.step, "order": list(setting.order)}
-            if setting.order != "parallel"
-            else {"stop_time": stop, "step_size": setting.step, "order": "parallel"},
+            "experiment": {
+                "start_time": START,
+                "stop_time": START + stop,
+                "step_size": setting.step,
+                "order": order,
+            },
             "instances": {
                 "trajectory": {"fmu": "Trajectory", "start": {"kind": "ramp", "feed": 1.0, "amplitude": 100.0}},
                 "controller": {
@@ -67,7 +76,7 @@ def used_samples(setting: Setting, stop: float = 0.02) -> tuple[Array, Array]:
         }
     )
     result = cosim.simulate(system)
-    return result.time[:-1], np.diff(result["plant.velocity"]) / setting.step
+    return result.time[:-1] - START, np.diff(result["plant.velocity"]) / setting.step - START
 
 
 def measured(pictures: Path) -> dict[str, Any]:
@@ -106,8 +115,8 @@ def draw_samples(path: Path, runs: list[tuple[Array, Array]]) -> None:
                 axes.barh(0, 0.92, left=1e3 * time[k] + 0.04, height=0.32, color=COLOURS[5], alpha=0.5)
                 axes.text(1e3 * time[k] + 0.5, 0.0, f"step {k}", ha="center", va="center")
                 axes.plot([1e3 * time[k]] * 2, [2, 1], "o", color="#555555", markersize=4)
-                if k and abs(sample[k] - sample[k - 1]) < 1e-9:
-                    continue  # the value of the start, once more
+                if sample[k] < -1e-9:
+                    continue
                 colour = COLOURS[k % 2]
                 arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 2, "shrinkB": 2}
                 for end, begin in (
@@ -133,7 +142,14 @@ def draw_staircases(path: Path, found: dict[Setting, tuple[Array, Array]]) -> No
         for axes, (setting, (time, sample)) in zip(figure.subplots(2, 3, sharey=True).flat, found.items(), strict=True):
             ends = np.append(time, time[-1] + setting.step)
             axes.plot([0, 16], [0, 16], color="#999999", linestyle="--", label="no delay")
-            axes.stairs(1e3 * sample, 1e3 * ends, baseline=None, color=COLOURS[0], linewidth=1.6, label="in use")
+            axes.stairs(
+                np.where(sample > -1e-9, 1e3 * sample, np.nan),
+                1e3 * ends,
+                baseline=None,
+                color=COLOURS[0],
+                linewidth=1.6,
+                label="in use",
+            )
             axes.set_title(setting.text.replace(", step", ",\nstep").replace("order: ", "order:\n"))
             axes.set(xlim=(0, 16), ylim=(-0.5, 16), xticks=range(0, 17, 4), yticks=range(0, 17, 4), xlabel="Time [ms]")
         figure.axes[0].set_ylabel("Time of the sample [ms]")

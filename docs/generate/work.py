@@ -53,7 +53,7 @@ def measured(pictures: Path, benchmark: dict[str, Any]) -> dict[str, Any]:
         "|---|---|---|---|",
     ]
     lines += [f"| {t:.0e} | {e:.1e} | {n:.0f} | {100.0 * share:.0f} % |" for t, e, n, share in rows]
-    ratios = [ratio for *_, ratio in benchmark["rows"]]
+    ratios = [ratio for _, *row in benchmark["rows"] for ratio in row]
     return {
         "work_table": "\n".join(lines),
         "work_outputs": ", ".join(wanted.columns),
