@@ -20,6 +20,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "docs.access",
+    "docs.docstrings",
     "docs.keys",
     "docs.shell",
 ]
@@ -29,6 +30,13 @@ suppress_warnings = ["config.cache"]  # functions in the configuration below
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
 myst_heading_anchors = 4
+
+autodoc_preserve_defaults = True
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {"Array": "Array", "NDArray": "NDArray"}
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 60
+toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"
 html_title = "motion-cosim"
