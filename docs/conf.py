@@ -20,11 +20,12 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "docs.access",
+    "docs.equations",
     "docs.keys",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["examples", "schemas", "tutorials"]
+exclude_patterns = ["components/systems", "examples", "schemas", "tutorials"]
 suppress_warnings = ["config.cache"]  # functions in the configuration below
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from . import commands, formats
+from docs import equations
 
-GENERATORS: list[Callable[[Path], None]] = [commands.write, formats.write]
+from . import commands, components, formats
+
+GENERATORS: list[Callable[[Path], None]] = [commands.write, components.write, equations.write, formats.write]
 """Each writes its pages into the copy of docs that Sphinx reads."""

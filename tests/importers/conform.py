@@ -165,6 +165,8 @@ class Outcome:
     missing: str = ""
     """Why it was not run at all."""
     problems: list[str] = field(default_factory=list[str])
+    agreed: dict[str, float] = field(default_factory=dict[str, float])
+    """Jobs whose trace was within the tolerance, each with its largest difference."""
 
 
 def results(command: Sequence[str], jobs: Sequence[Mapping[str, Any]], environment: Mapping[str, str]) -> list[Any]:
@@ -226,7 +228,9 @@ def _judge(outcome: Outcome, case: Case, rows: Sequence[Sequence[float]], tolera
     difference, output = compare(case, rows)
     if difference > outcome.largest:
         outcome.largest, outcome.where = difference, f"{case.job['name']}, {output}"
-    if not difference <= tolerance:
+    if difference <= tolerance:
+        outcome.agreed[case.job["name"]] = difference
+    else:
         outcome.problems.append(f"{case.job['name']}: {output} differs by {difference:.2g} of its largest value")
 
 
@@ -468,6 +472,17 @@ def page(sections: Sequence[tuple[str, str, Sequence[Outcome]]], shown: Sequence
     return "\n".join([*lines, ""]) + NOTES
 
 
+def components(sections: Sequence[tuple[str, str, Sequence[Outcome]]]) -> str:
+    """docs/importers.json: in which importers the FMU of each component gave the trace of ``cosim run``."""
+    rows = [
+        {"section": title, "importer": o.importer, "version": o.version, "what": o.what, "agreed": o.agreed}
+        for title, _, found in sections
+        for o in found
+        if title != "Systems" and "Reference FMUs" not in o.what and o.agreed
+    ]
+    return json.dumps(rows, indent=1) + "\n"
+
+
 NOTES = """
 ## What is to be known
 
@@ -501,6 +516,9 @@ def main() -> int:
     parser.add_argument("--python", default=sys.executable, help="the Python that has the importers")
     parser.add_argument("--cofmupy", default=sys.executable, help="the Python that has CoFmuPy")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "importers.md")
+    parser.add_argument(
+        "--components", action="store_true", help="run no systems and no bugs; write only importers.json beside it"
+    )
     parser.add_argument("--reference-fmus", type=Path, help="folder with the Reference FMUs in 2.0/ and 3.0/")
     for option, text in PROGRAMS.items():
         parser.add_argument(f"--{option.replace('_', '-')}", help=f"path of {text}")
@@ -526,7 +544,7 @@ def main() -> int:
         (
             "Systems",
             f"Every system of the studies; {PYTHON_STEPS} steps with Python FMUs.",
-            [o for f, place in both for o in suite.systems(f, place)],
+            [] if options.components else [o for f, place in both for o in suite.systems(f, place)],
         ),
         ("Model exchange", "", suite.exchange(places["native"])),
     ]
@@ -535,9 +553,13 @@ def main() -> int:
         third += suite.reference_fmi3(references / "3.0")
     if third:
         sections.append(("FMI 3.0", "Reference FMUs are compared with FMPy, function by function.", third))
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    options.output.with_suffix(".json").write_text(components(sections), encoding="utf-8")
+    if options.components:
+        sys.stdout.writelines(f"{line}\n" for _, _, found in sections for line in table(found))
+        return 1 if any(outcome.problems for _, _, found in sections for outcome in found) else 0
     shown = bugs(pythons, programs, references.resolve() if references else None)
     text = page(sections, shown)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
     options.output.write_text(text, encoding="utf-8")
     sys.stdout.write(text)
     failed = any(outcome.problems for _, _, found in sections for outcome in found)
