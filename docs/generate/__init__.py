@@ -7,7 +7,15 @@ from pathlib import Path
 
 from docs import equations
 
-from . import commands, components, formats
+from . import api, commands, components, errors, explanations, formats
 
-GENERATORS: list[Callable[[Path], None]] = [commands.write, components.write, equations.write, formats.write]
+GENERATORS: list[Callable[[Path], None]] = [
+    commands.write,
+    formats.write,
+    api.write,
+    components.write,
+    equations.write,
+    errors.write,
+    explanations.write,
+]
 """Each writes its pages into the copy of docs that Sphinx reads."""

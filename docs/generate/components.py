@@ -238,11 +238,12 @@ def _studies(users: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _proofs(name: str) -> Iterator[str]:
-    """The importers in which the FMU gave the trace of ``cosim run``."""
+    """The importers in which the FMU gave the trace of ``cosim run``, by itself and in systems."""
     runs: dict[tuple[str, str], dict[str, float]] = {}
     for row in json.loads(IMPORTERS.read_text(encoding="utf-8")):
-        if name in row["agreed"]:
-            runs.setdefault((row["importer"], row["version"]), {})[_form(row)] = row["agreed"][name]
+        held = row["components"].get(name)
+        if held and held["ran"] == held["jobs"] and not held["problems"] and held["difference"] is not None:
+            runs.setdefault((row["importer"], row["version"]), {})[_form(row)] = held["difference"]
     yield from ("## Importers", "")
     if not runs:
         yield "Not yet run in other importers."
@@ -265,6 +266,5 @@ def _proofs(name: str) -> Iterator[str]:
 
 def _form(row: Mapping[str, Any]) -> str:
     """In which form the FMU was run."""
-    if row["section"] in ("Model exchange", "FMI 3.0"):
-        return row["section"]
-    return "Python" if "python" in row["what"] else "native"
+    form = {"native": "native", "python": "Python", "fmi3": "FMI 3.0"}[row["fmus"]]
+    return form + {"Model exchange": ", model exchange", "Systems": " in systems"}.get(row["section"], "")

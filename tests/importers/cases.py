@@ -45,6 +45,12 @@ class Case:
     order: str = "as single FMUs"
     """In which order ``cosim run`` stepped the system."""
 
+    @property
+    def components(self) -> tuple[str, ...]:
+        """The names of the FMUs that are run."""
+        instances = self.job.get("instances")
+        return tuple(dict.fromkeys(Path(i["path"]).stem for i in instances)) if instances else (self.job["name"],)
+
 
 def fmu_case(path: Path, steps: int = STEPS, *, held: bool = True) -> Case:
     """One FMU by itself, inputs held (or left at their start values), against ``cosim run`` of the same."""
@@ -211,6 +217,9 @@ def compare(case: Case, rows: Sequence[Sequence[float]]) -> tuple[float, str]:
         return math.inf, f"{len(rows)} rows for {len(case.rows)}, all outputs"
     if widths := {len(row) for row in rows} - {len(case.job["outputs"])}:
         return math.inf, f"{widths} values in a row for {len(case.job['outputs'])} outputs, all outputs"
+    for column, name in enumerate(case.job["outputs"]):
+        if not all(math.isfinite(row[column]) for row in rows):
+            return math.inf, name
     worst = (0.0, "")
     before = [case.start, *case.rows[:-1]]
     for column, name in enumerate(case.job["outputs"]):

@@ -16,7 +16,7 @@ import sys
 import sysconfig
 from collections.abc import Callable, Mapping, Sequence
 from ctypes.util import find_library
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ from .cases import (
     single_case,
     system_case,
 )
+from .report import Outcome, Run, data, page
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNNER = Path(__file__).with_name("runner.py")
@@ -150,25 +151,6 @@ REFERENCES = {"2.0": ("Dahlquist", "Feedthrough"), "3.0": ("Dahlquist", "StateSp
 """FMI version and folder -> Reference FMUs that are used."""
 
 
-@dataclass
-class Outcome:
-    """What one importer did with a set of jobs."""
-
-    importer: str
-    what: str
-    sees: str = ""
-    version: str = ""
-    runs: int = 0
-    largest: float = 0.0
-    where: str = ""
-    traces: int = 0
-    missing: str = ""
-    """Why it was not run at all."""
-    problems: list[str] = field(default_factory=list[str])
-    agreed: dict[str, float] = field(default_factory=dict[str, float])
-    """Jobs whose trace was within the tolerance, each with its largest difference."""
-
-
 def results(command: Sequence[str], jobs: Sequence[Mapping[str, Any]], environment: Mapping[str, str]) -> list[Any]:
     """What the runner says of each job; it is started again behind a job at which its process ended or hung."""
     found: list[Any] = []
@@ -213,25 +195,19 @@ def run(
     jobs = [{**case.job, **extra(case)} for case in cases]
     for case, found in zip(cases, results([python, str(RUNNER), function], jobs, environment or {}), strict=True):
         outcome.version = found.get("version") or outcome.version
-        name = case.job["name"]
-        if "error" in found:
-            outcome.problems.append(f"{name}: {found['error']}")
-            continue
-        outcome.runs += 1
-        if found["rows"]:
-            _judge(outcome, case, found["rows"], tolerance)
+        outcome.runs.append(_run(case, found, tolerance))
     return outcome
 
 
-def _judge(outcome: Outcome, case: Case, rows: Sequence[Sequence[float]], tolerance: float) -> None:
-    outcome.traces += 1
-    difference, output = compare(case, rows)
-    if difference > outcome.largest:
-        outcome.largest, outcome.where = difference, f"{case.job['name']}, {output}"
-    if difference <= tolerance:
-        outcome.agreed[case.job["name"]] = difference
-    else:
-        outcome.problems.append(f"{case.job['name']}: {output} differs by {difference:.2g} of its largest value")
+def _run(case: Case, found: Mapping[str, Any], tolerance: float) -> Run:
+    """A job compared; that of a checker has no rows."""
+    name, components = case.job["name"], case.components
+    if error := found.get("error"):
+        return Run(name, components, error=error)
+    if not found["rows"]:
+        return Run(name, components)
+    difference, output = compare(case, found["rows"])
+    return Run(name, components, difference, output, differs=not difference <= tolerance)
 
 
 def shipped_systems() -> list[Path]:
@@ -273,15 +249,15 @@ class Conformance:
         cases: Sequence[Case],
         what: str,
         *,
+        fmus: str,
         tolerance: float = TOLERANCE,
-        python: bool = False,
     ) -> Outcome:
-        """Run one importer, or say why not."""
-        outcome = Outcome(importer.name, what, importer.sees)
+        """Run one importer, or say why not; ``fmus`` is the kind of FMUs: native, python, fmi3 or reference."""
+        outcome = Outcome(importer.name, what, importer.sees, fmus)
         environment: dict[str, str] = {}
         if importer.program and not self.programs.get(importer.program):
             outcome.missing = f"not run: give --{importer.program.replace('_', '-')} PATH"
-        if importer.program and python:
+        if importer.program and fmus == "python":
             environment = {"PYTHONPATH": sysconfig.get_path("purelib"), "COSIM_LIBPYTHON": self.libpython}
             if not self.libpython:
                 outcome.missing = "not run: it needs libpython (apt-get install libpython3-dev)"
@@ -297,37 +273,37 @@ class Conformance:
         done = run(
             importer.function, cases, interpreter, what, tolerance=tolerance, environment=environment, extra=extra
         )
-        return replace(done, importer=importer.name, sees=importer.sees)
+        return replace(done, importer=importer.name, sees=importer.sees, fmus=fmus)
 
     def fmus(self, flavour: str, place: Path) -> list[Outcome]:
         """Every importer of single FMUs."""
-        python, tolerance = flavour == "python", PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
+        tolerance = PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
         paths = sorted(place.glob("*.fmu"))
         cases, what = [fmu_case(path) for path in paths], f"{len(paths)} {flavour} FMUs"
-        found = [self.one(i, cases, what, tolerance=tolerance, python=python) for i in FMU_IMPORTERS]
+        found = [self.one(i, cases, what, tolerance=tolerance, fmus=flavour) for i in FMU_IMPORTERS]
         oms = replace(SYSTEM_IMPORTERS[-1], name="OMSimulator, SSP of one FMU", lacks=())
         singles = [single_case(path, self.folder) for path in paths]
-        return [*found, self.one(oms, singles, what, tolerance=SYSTEM_TOLERANCE, python=python)]
+        return [*found, self.one(oms, singles, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour)]
 
     def checks(self, flavour: str, place: Path) -> list[Outcome]:
         """Every checker."""
-        python, tolerance = flavour == "python", PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
+        tolerance = PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
         paths = sorted(place.glob("*.fmu"))
         cases = [fmu_case(path, held=False) for path in paths]
         what = f"{len(paths)} {flavour} FMUs"
-        return [self.one(i, cases, what, tolerance=tolerance, python=python) for i in CHECKERS]
+        return [self.one(i, cases, what, tolerance=tolerance, fmus=flavour) for i in CHECKERS]
 
     def exchange(self, place: Path) -> list[Outcome]:
         """The plants as model exchange."""
         cases = [fmu_case(path) for path in sorted(place.glob("*.fmu"))]
         plants = [case for case in cases if case.job["continuous_states"]]
         what = f"{len(plants)} native plants"
-        return [self.one(i, plants, what, tolerance=EXCHANGE_TOLERANCE) for i in EXCHANGE_IMPORTERS]
+        return [self.one(i, plants, what, fmus="native", tolerance=EXCHANGE_TOLERANCE) for i in EXCHANGE_IMPORTERS]
 
     def systems(self, flavour: str, place: Path) -> list[Outcome]:
         """Every importer of systems, and the containers of one of them in ``cosim run``."""
-        python, folder = flavour == "python", self.folder / flavour
-        steps = PYTHON_STEPS if python else STEPS
+        folder = self.folder / flavour
+        steps = PYTHON_STEPS if flavour == "python" else STEPS
         folder.mkdir(parents=True, exist_ok=True)
         orders = {
             order: [system_case(path, folder, place, order, steps) for path in shipped_systems()]
@@ -337,18 +313,18 @@ class Conformance:
         for importer in SYSTEM_IMPORTERS:
             cases, what = selected(importer, orders[importer.order])
             what = f"{flavour} FMUs, systems: {what}"
-            found.append(self.one(importer, cases, what, tolerance=SYSTEM_TOLERANCE, python=python))
+            found.append(self.one(importer, cases, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour))
             if importer.function == "fmucontainer":
-                found.append(self.containers(cases, what))
+                found.append(self.containers(cases, what, flavour))
             if importer.multiples:
                 multiples = [multiple_case(name, ROOT / "studies", folder, place, steps) for name in MULTIPLES]
                 what = f"{flavour} FMUs, systems with step multiples: {'; '.join(c.job['name'] for c in multiples)}"
-                found.append(self.one(importer, multiples, what, tolerance=SYSTEM_TOLERANCE, python=python))
+                found.append(self.one(importer, multiples, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour))
         return found
 
-    def containers(self, cases: Sequence[Case], what: str) -> Outcome:
+    def containers(self, cases: Sequence[Case], what: str, flavour: str) -> Outcome:
         """The containers that the FMU manipulation toolbox made, each as one FMU in ``cosim run``."""
-        outcome = Outcome("cosim run, these containers as FMUs", what, AFTER)
+        outcome = Outcome("cosim run, these containers as FMUs", what, AFTER, flavour)
         for case in cases:
             job = case.job
             document = {
@@ -358,12 +334,11 @@ class Conformance:
             try:
                 result = simulate(make_system(document))
             except CosimError as error:
-                outcome.problems.append(f"{job['name']}: {error}")
+                outcome.runs.append(Run(job["name"], case.components, error=str(error)))
                 continue
-            outcome.runs += 1
             columns = [result[f"container.{name.replace('.', '_')}"] for name in job["outputs"]]
             rows = [[float(column[k + 1]) for column in columns] for k in range(job["steps"])]
-            _judge(outcome, case, rows, SYSTEM_TOLERANCE)
+            outcome.runs.append(_run(case, {"rows": rows}, SYSTEM_TOLERANCE))
         return outcome
 
     def fmi3(self, place: Path, native: Path) -> list[Outcome]:
@@ -372,8 +347,8 @@ class Conformance:
         cases = [fmi3_case(path, fmu_case(native / path.name)) for path in paths]
         events = [case for case in cases if case.job["events"]]
         what = f"{len(events)} of {len(cases)} FMI 3.0 FMUs, those with event mode"
-        found = [self.one(importer, events, what) for importer in EVENT_IMPORTERS]
-        return self._fmi3(cases, "FMI 3.0 FMUs", TOLERANCE) + found
+        found = [self.one(importer, events, what, fmus="fmi3") for importer in EVENT_IMPORTERS]
+        return self._fmi3(cases, "FMI 3.0 FMUs", "fmi3") + found
 
     def reference_fmi3(self, folder: Path) -> list[Outcome]:
         """FMI 3.0 Reference FMUs: FMPy, function by function, is what the others are compared with."""
@@ -388,15 +363,15 @@ class Conformance:
             replace(case, rows=row, start=row[0], delayed=(False,) * len(case.job["outputs"]))
             for case, row in zip(cases, rows, strict=True)
         ]
-        return self._fmi3(expected, "Reference FMUs (FMI 3.0)", TOLERANCE)[1:]
+        return self._fmi3(expected, "Reference FMUs (FMI 3.0)", "reference")[1:]
 
-    def _fmi3(self, cases: Sequence[Case], what: str, tolerance: float) -> list[Outcome]:
+    def _fmi3(self, cases: Sequence[Case], what: str, fmus: str) -> list[Outcome]:
         found: list[Outcome] = []
         for importer in FMI3_IMPORTERS:
             arrays = [c for c in cases if len(c.job["places"]) < len(c.job["outputs"])]
             chosen = [c for c in cases if "arrays" not in importer.lacks or c not in arrays]
             left = f"; {len(arrays)} with arrays as outputs, which it cannot read" if len(chosen) < len(cases) else ""
-            found.append(self.one(importer, chosen, f"{len(chosen)} of {len(cases)} {what}{left}", tolerance=tolerance))
+            found.append(self.one(importer, chosen, f"{len(chosen)} of {len(cases)} {what}{left}", fmus=fmus))
         return found
 
 
@@ -422,103 +397,12 @@ def bugs(
     return json.loads(done.stdout)
 
 
-def table(found: Sequence[Outcome]) -> list[str]:
-    """The outcomes as the lines of a Markdown table, and what went wrong."""
-    lines = [
-        "| importer | version | what was run | ran | largest difference | where | what it sees |",
-        "|" + "---|" * 7,
-    ]
-    for o in found:
-        largest = o.missing or ("0" if o.traces else "")
-        if o.largest:
-            largest = f"{o.largest:.1e}"
-        elif not o.traces and not o.missing:
-            largest = "see below" if o.problems else "no problem reported"
-        lines.append(f"| {o.importer} | {o.version} | {o.what} | {o.runs} | {largest} | {o.where} | {o.sees} |")
-    problems = [f"- {o.importer}, {o.what}: {problem}" for o in found for problem in _short(o.problems)]
-    return [*lines, *(["", "What went wrong:", "", *problems] if problems else [])]
-
-
-def _short(problems: Sequence[str]) -> list[str]:
-    """The same problem of many jobs once."""
-    texts: dict[str, list[str]] = {}
-    for problem in problems:
-        name, _, text = problem.partition(": ")
-        texts.setdefault(" ".join(text.split()), []).append(name)
-    return [f"{', '.join(names) if len(names) < 6 else f'{len(names)} jobs'}: {text}" for text, names in texts.items()]
-
-
-def page(sections: Sequence[tuple[str, str, Sequence[Outcome]]], shown: Sequence[Mapping[str, str]]) -> str:
-    """docs/importers.md."""
-    lines = [
-        "# The FMUs and systems in other importers",
-        "",
-        f"Written by `make conformance`. Everything runs for {STEPS} communication steps; the difference is that from "
-        "`cosim run` in the same order, as a share of the output's largest value.",
-    ]
-    for title, text, found in sections:
-        lines += ["", f"## {title}", "", *([text, ""] if text else []), *table(found)]
-    lines += [
-        "",
-        "## Bugs of importers, shown with FMUs that this project did not make",
-        "",
-        "Each was tried when this page was written; the FMUs were made then by PythonFMU's own exporter, or are "
-        "Reference FMUs.",
-        "",
-        "| importer | version | bug | FMU | seen | what was seen |",
-        "|" + "---|" * 6,
-        *(f"| {b['importer']} | {b['version']} | {b['bug']} | {b['fmu']} | {b['seen']} | {b['what']} |" for b in shown),
-    ]
-    return "\n".join([*lines, ""]) + NOTES
-
-
-def components(sections: Sequence[tuple[str, str, Sequence[Outcome]]]) -> str:
-    """docs/importers.json: in which importers the FMU of each component gave the trace of ``cosim run``."""
-    rows = [
-        {"section": title, "importer": o.importer, "version": o.version, "what": o.what, "agreed": o.agreed}
-        for title, _, found in sections
-        for o in found
-        if title != "Systems" and "Reference FMUs" not in o.what and o.agreed
-    ]
-    return json.dumps(rows, indent=1) + "\n"
-
-
-NOTES = """
-## What is to be known
-
-- Read right after a step, a controller's output is the one applied over that step; an importer that first sets new
-  inputs sees the answer to them. Both are compared with the row of `cosim run` that shows the same sample.
-- libcosim and ecos know no FMI 2.0 variable of type Enumeration, neither from an SSP nor through their API. Systems
-  that set one run there as `cosim export --enumerations integer` writes them: the FMUs in the package declare it as
-  Integer, the binary is the same. Without the option such values are `ssv:Integer` for an Enumeration, which both read
-  past; `cosim export` says so.
-- ecos applies parameters only under the name of their set: `init(parameter_set="start")`.
-- fmuloader is run with `cannot_use_memory_management_functions=True`.
-- The FMU manipulation toolbox reads the structure of an SSP; parameters and outputs are told to it through its API.
-- syssimx makes a step of length zero at the start, which FMI 2.0 does not allow; the step is left out.
-- CoFmuPy is run with all FMUs in one group. It and sofirpy are told the inputs of step 1, by `initialization` and
-  `start_values`.
-- OMSimulator also refuses a connection between different units, with a factor or without. `cosim export` writes the
-  annotation that it needs.
-- FMPy's `simulate_ssp` ignores parameters, so that it runs no system of the studies; pyfmi and mosaik-fmi have no
-  wheels.
-- Programs that pip does not install are given by their paths,
-  `make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH --reference-fmus DIR"`:
-  fmusim and the Reference FMUs (modelica/Reference-FMUs, v0.0.39 for fmusim; cmake, with libxml2, minizip and CVode;
-  DIR has the FMUs for FMI 2.0 in 2.0 and for FMI 3.0 in 3.0), FMUComplianceChecker (modelica-tools; linked with
-  FMILibrary 2.4.1 of modelon-community), OMSimulator (OpenModelica; cmake; its wheel downloads the program).
-"""
-
-
 def main() -> int:
     """Run everything, write the page; exit code 1 if anything failed or differed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--python", default=sys.executable, help="the Python that has the importers")
     parser.add_argument("--cofmupy", default=sys.executable, help="the Python that has CoFmuPy")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "importers.md")
-    parser.add_argument(
-        "--components", action="store_true", help="run no systems and no bugs; write only importers.json beside it"
-    )
     parser.add_argument("--reference-fmus", type=Path, help="folder with the Reference FMUs in 2.0/ and 3.0/")
     for option, text in PROGRAMS.items():
         parser.add_argument(f"--{option.replace('_', '-')}", help=f"path of {text}")
@@ -544,7 +428,7 @@ def main() -> int:
         (
             "Systems",
             f"Every system of the studies; {PYTHON_STEPS} steps with Python FMUs.",
-            [] if options.components else [o for f, place in both for o in suite.systems(f, place)],
+            [o for f, place in both for o in suite.systems(f, place)],
         ),
         ("Model exchange", "", suite.exchange(places["native"])),
     ]
@@ -553,14 +437,11 @@ def main() -> int:
         third += suite.reference_fmi3(references / "3.0")
     if third:
         sections.append(("FMI 3.0", "Reference FMUs are compared with FMPy, function by function.", third))
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.with_suffix(".json").write_text(components(sections), encoding="utf-8")
-    if options.components:
-        sys.stdout.writelines(f"{line}\n" for _, _, found in sections for line in table(found))
-        return 1 if any(outcome.problems for _, _, found in sections for outcome in found) else 0
     shown = bugs(pythons, programs, references.resolve() if references else None)
     text = page(sections, shown)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
     options.output.write_text(text, encoding="utf-8")
+    options.output.with_suffix(".json").write_text(data(sections), encoding="utf-8")
     sys.stdout.write(text)
     failed = any(outcome.problems for _, _, found in sections for outcome in found)
     return 1 if failed or any(bug["seen"] == "failed" for bug in shown) else 0

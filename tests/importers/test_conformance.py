@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -26,8 +27,8 @@ from .conform import (
     run,
     selected,
     shipped_systems,
-    table,
 )
+from .report import Outcome, Run, data, table
 
 LOAD = "from libcosimpy.CosimManipulator import CosimManipulator"
 """libcosimpy loads its library when it is first used, not when it is imported."""
@@ -66,14 +67,14 @@ def cases(native: Path) -> list[Case]:
 def test_native_fmus_run_as_in_cosim(cases: list[Case], importer: str) -> None:
     outcome = run(importer, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == outcome.traces == len(cases) == len(WORKSPACE.components())
+    assert outcome.ran == outcome.traces == len(cases) == len(WORKSPACE.components())
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
 def test_checkers_report_nothing(cases: list[Case], checker: str) -> None:
     outcome = run(checker, cases, sys.executable, "native")
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == len(WORKSPACE.components())
+    assert outcome.ran == len(cases) == len(WORKSPACE.components())
 
 
 @pytest.mark.parametrize("checker", [pytest.param("fmilibrary", marks=needs_libcosim), "fmutool"])
@@ -88,7 +89,7 @@ def test_checkers_report_what_is_wrong(native: Path, tmp_path: Path, checker: st
     case = fmu_case(native / "PPi.fmu", 5)
     case.job["path"] = str(target)
     outcome = run(checker, [case], sys.executable, "broken")
-    assert outcome.runs == 0
+    assert outcome.ran == 0
     assert len(outcome.problems) == 1
 
 
@@ -104,7 +105,7 @@ def test_every_system_runs_in_libcosim_as_in_cosim(systems: list[Case]) -> None:
     importer = next(i for i in SYSTEM_IMPORTERS if i.function == "libcosim")
     outcome = run("libcosim", systems, sys.executable, "systems", tolerance=SYSTEM_TOLERANCE, extra=importer.package)
     assert outcome.problems == []
-    assert outcome.runs == outcome.traces == len(systems) == len(shipped_systems())
+    assert outcome.ran == outcome.traces == len(systems) == len(shipped_systems())
     assert any(case.set_enumerations for case in systems)
 
 
@@ -123,8 +124,8 @@ def test_systems_run_in_a_container_as_in_cosim(systems: list[Case], tmp_path: P
     studies = {case.job["name"].partition("/")[0]: case for case in chosen}
     suite = Conformance({"importers": sys.executable}, {}, tmp_path)
     for outcome in (
-        suite.one(importer, list(studies.values()), "systems"),
-        suite.containers(list(studies.values()), "systems"),
+        suite.one(importer, list(studies.values()), "systems", fmus="native"),
+        suite.containers(list(studies.values()), "systems", "native"),
     ):
         assert outcome.problems == []
         assert outcome.traces == len(studies) >= 3
@@ -134,14 +135,14 @@ def test_python_fmus_run_in_fmpy_as_in_cosim(python: Path) -> None:
     cases = [fmu_case(path, 20) for path in sorted(python.glob("*.fmu"))]
     outcome = run("fmpy.simulate_fmu", cases, sys.executable, "python", tolerance=PYTHON_TOLERANCE)
     assert outcome.problems == []
-    assert outcome.runs == len(cases) == len(WORKSPACE.components())
+    assert outcome.ran == len(cases) == len(WORKSPACE.components())
 
 
 def test_plants_run_in_fmpy_as_model_exchange(cases: list[Case]) -> None:
     plants = [case for case in cases if case.job["continuous_states"]]
     outcome = run("fmpy.simulate_fmu ME", plants, sys.executable, "plants", tolerance=EXCHANGE_TOLERANCE)
     assert outcome.problems == []
-    assert outcome.runs == len(plants) >= 4
+    assert outcome.ran == len(plants) >= 4
 
 
 def test_comparison_sees_a_wrong_trace() -> None:
@@ -152,6 +153,7 @@ def test_comparison_sees_a_wrong_trace() -> None:
     assert compare(plant, rows) == (0.0, "")
     assert compare(plant, [[0.0], [1.0], [4.0], [9.0]]) == (7.0 / 16.0, "y")
     assert compare(plant, rows[:3])[0] == float("inf")
+    assert compare(plant, [*rows[:3], [float("nan")]]) == (float("inf"), "y")
     controller = Case(job, rows, [0.0], (True,))
     assert compare(controller, [[0.0], [1.0], [4.0], [9.0]]) == (0.0, "")
     assert compare(controller, [[4.0], [9.0], [16.0], [25.0]]) == (0.0, "")
@@ -181,7 +183,7 @@ def test_a_crash_loses_one_job_and_a_hang_ends(tmp_path: Path, monkeypatch: pyte
 def test_a_program_without_a_path_is_named() -> None:
     suite = Conformance({"importers": sys.executable}, {"fmusim": None}, Path())
     importer = next(i for i in FMU_IMPORTERS if i.program == "fmusim")
-    line = table([suite.one(importer, [], "FMUs")])[2]
+    line = table([suite.one(importer, [], "FMUs", fmus="native")])[2]
     assert "not run: give --fmusim PATH" in line
 
 
@@ -189,5 +191,32 @@ def test_failures_of_an_importer_are_reported(native: Path) -> None:
     case = fmu_case(native / "PPi.fmu", 5)
     case.job["references"] = dict.fromkeys(case.job["references"], 10**6)
     outcome = run("fmpy", [case], sys.executable, "wrong", tolerance=1e-9)
-    assert outcome.runs == 0
+    assert outcome.ran == 0
     assert outcome.problems[0].startswith("PPi: FMICallException")
+
+
+def test_data_tells_what_became_of_a_component() -> None:
+    """By itself or in systems: the largest difference, what failed, and nothing of Reference FMUs."""
+    runs = [
+        Run("one", ("Plant", "Source"), 1e-9, "plant.y"),
+        Run("two", ("Plant",), 0.5, "plant.y", differs=True),
+        Run("three", ("Source",), error="no start"),
+    ]
+    own = Outcome("Tool", "systems", fmus="native", version="1.0", runs=runs)
+    foreign = Outcome("Tool", "others", fmus="reference", runs=runs)
+    checker = Outcome("Checker", "FMUs", fmus="python", runs=[Run("Plant", ("Plant",))])
+    missing = Outcome("Program", "FMUs", fmus="native", missing="not run: give --program PATH")
+    systems, checks, absent = json.loads(data([("Systems", "", [own, foreign]), ("Checkers", "", [checker, missing])]))
+    assert (systems["section"], systems["importer"], systems["version"]) == ("Systems", "Tool", "1.0")
+    assert systems["components"] == {
+        "Plant": {
+            "jobs": 2,
+            "ran": 2,
+            "difference": 0.5,
+            "problems": ["two: plant.y differs by 0.5 of its largest value"],
+        },
+        "Source": {"jobs": 2, "ran": 1, "difference": 1e-9, "problems": ["three: no start"]},
+    }
+    assert checks["components"] == {"Plant": {"jobs": 1, "ran": 1, "difference": None, "problems": []}}
+    assert absent["missing"] == "not run: give --program PATH"
+    assert absent["components"] == {}

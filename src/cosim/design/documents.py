@@ -94,7 +94,7 @@ class RunsData(Table):
     description: str = ""
     """One line about the study; the report shows it."""
     timeout: Positive | None = None
-    """Longest time of a run in s of the clock. Default: found from the times of earlier runs."""
+    """Longest time of a run in s of the clock. Default: 20 times the longest run so far, at least 10 s."""
     metrics: Mapping[str, Figure] = {}
     """Figures of a run by name; ``window`` gives begin and end in s. Default: the tracking figures."""
     experiment: ExperimentData = ExperimentData()

@@ -455,7 +455,10 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
 
 
 def plot_limit_map(found: LimitMap, path: Path) -> None:
-    """Draw the damping ratios over W, one panel for each case: linear limit, practical limit, limits by simulation."""
+    """Draw the damping ratios over W, one panel for each case: linear limit, practical limit, limits by simulation.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     from ..result.plots import Panel, Series, plot_panels
 
     panels: list[Panel] = []

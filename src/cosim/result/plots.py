@@ -342,7 +342,10 @@ def signal_panels(result: Recorded, names: Sequence[str], most: int | None = Non
 
 
 def plot_errors(path: Path, errors: Mapping[str, tuple[Array, Array]], *, title: str = "", unit: str = "m") -> None:
-    """Draw the errors of several runs, label -> (time in s, error), in one panel each over the same time axis."""
+    """Draw the errors of several runs, label -> (time in s, error), in one panel each over the same time axis.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     panels = [
         Panel("Error", unit, (Series(label, time, error, i),))
         for i, (label, (time, error)) in enumerate(errors.items())
@@ -358,7 +361,10 @@ def plot_phase_plane(
     y: tuple[str, str] = ("Error rate", "m/s"),
     title: str = "",
 ) -> None:
-    """Draw trajectories of ``y`` over ``x``, which are (name, SI unit). A dot marks the end of each line."""
+    """Draw trajectories of ``y`` over ``x``, which are (name, SI unit). A dot marks the end of each line.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     x_unit, x_factor = display_unit(x[1], largest([line.x for line in series]))
     y_unit, y_factor = display_unit(y[1], largest([line.y for line in series]))
 
@@ -409,6 +415,7 @@ def plot_polar(path: Path, plots: Sequence[Polar], *, title: str = "") -> None:
     """Draw polar error plots side by side. A point is at radius + magnification*deviation in its commanded direction.
 
     The heavy circle is the commanded path. The rings are labelled with their deviation.
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
     """
     from matplotlib.ticker import MaxNLocator
 
