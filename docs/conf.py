@@ -22,11 +22,15 @@ extensions = [
     "docs.access",
     "docs.docstrings",
     "docs.keys",
+    "docs.latex",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["examples", "schemas", "tutorials"]
-suppress_warnings = ["config.cache"]  # functions in the configuration below
+suppress_warnings = [
+    "config.cache",  # functions in the configuration below
+    "sphinx_gallery.space_in_filename",  # a checkout may lie in any folder; the names of the pages have no blanks
+]
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
 myst_heading_anchors = 4
@@ -39,6 +43,7 @@ python_maximum_signature_line_length = 60
 toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"
+html_math_renderer = "mathml"
 html_title = "motion-cosim"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
