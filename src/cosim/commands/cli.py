@@ -5,7 +5,6 @@ Module ``parser`` has the exit codes. Large packages are imported only when a co
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -13,6 +12,7 @@ from collections.abc import Callable, Sequence
 from ..errors import CosimError, DescriptionError
 from ..extras import EXTRAS, missing
 from ..master.signals import Ended, ending_by_exception
+from ..version import VERSION
 from . import (
     build,
     check,
@@ -90,20 +90,11 @@ def _guarded(command: Callable[[], int]) -> int:
         return 1
 
 
-class _Version(argparse.Action):
-    """Prints the version. It is looked up only on demand, because this takes longer than the rest of the parser."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
-
-        parser.exit(message=f"cosim {version('motion-cosim')}\n")
-
-
 def make_parser() -> Parser:
     """The parser of all commands; the reference pages of the commands are made from it."""
     parser = Parser(prog="cosim", description="Co-simulation of FMUs for precision motion.")
     parser.examples = ("cosim list", "cosim run shams2010/fsmc_5sin --plot run.png")
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    parser.add_argument("--version", action="version", version=f"cosim {VERSION}", help="show the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add(commands)
