@@ -22,6 +22,7 @@ extensions = [
     "docs.access",
     "docs.docstrings",
     "docs.keys",
+    "docs.latex",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -42,6 +43,7 @@ python_maximum_signature_line_length = 60
 toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"
+html_math_renderer = "mathml"
 html_title = "motion-cosim"
 html_static_path = ["static"]
 html_css_files = ["site.css"]

@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from . import api, commands, formats
+from . import api, commands, errors, explanations, formats
 
-GENERATORS: list[Callable[[Path], None]] = [commands.write, formats.write, api.write]
+GENERATORS: list[Callable[[Path], None]] = [
+    commands.write,
+    formats.write,
+    api.write,
+    errors.write,
+    explanations.write,
+]
 """Each writes its pages into the copy of docs that Sphinx reads."""

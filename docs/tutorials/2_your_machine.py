@@ -31,14 +31,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(temporary.name)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(
+    temporary.name
+)  # or Path("my_folder"), if you want to keep the files
 
 
 def run(command):
     """Run a command as in a terminal, and print what it says."""
     print("$", command)
     called = [sys.executable, "-m", *shlex.split(command)]
-    ended = subprocess.run(called, cwd=FOLDER, capture_output=True, check=False, text=True)
+    ended = subprocess.run(
+        called, cwd=FOLDER, capture_output=True, check=False, text=True
+    )
     print(ended.stdout + ended.stderr)
     ended.check_returncode()
 
@@ -48,8 +52,15 @@ def show(name, title):
     return SimpleNamespace(_repr_png_=(FOLDER / name).read_bytes, title=title)
 
 
-HERE = Path("your_machine"), Path("../examples/your_machine")  # beside this script, or in a checkout
-shutil.copytree(next(folder for folder in HERE if folder.is_dir()), FOLDER, dirs_exist_ok=True)
+HERE = (
+    Path("your_machine"),
+    Path("../examples/your_machine"),
+)  # beside this script, or in a checkout
+shutil.copytree(
+    next(folder for folder in HERE if folder.is_dir()),
+    FOLDER,
+    dirs_exist_ok=True,
+)
 
 # %%
 # Look at the log
@@ -57,19 +68,22 @@ shutil.copytree(next(folder for folder in HERE if folder.is_dir()), FOLDER, dirs
 #
 # A log is a CSV, Parquet or MAT file: a column of time, columns with names, and a row of units if there is one
 # (``position [mm]`` as a name is understood, too).
+import cosim
 import matplotlib.pyplot as plt
 import numpy as np
-
-import cosim
 
 record = cosim.read_record(FOLDER / "stage.csv")
 columns = ", ".join(f"{name} [{unit}]" for name, unit in record.units.items())
 print(f"{len(record.time)} samples, {record.step:g} s apart: {columns}")
 
 reference, position = record.column("reference"), record.column("position")
-figure, panels = plt.subplots(3, 1, figsize=(7.5, 5.4), sharex=True, layout="constrained")
+figure, panels = plt.subplots(
+    3, 1, figsize=(7.5, 5.4), sharex=True, layout="constrained"
+)
 panels[0].plot(record.time, 1e3 * position, color="#0072B2", label="position")
-panels[0].plot(record.time, 1e3 * reference, "--", color="#D55E00", label="reference")
+panels[0].plot(
+    record.time, 1e3 * reference, "--", color="#D55E00", label="reference"
+)
 panels[0].set(title="The log", ylabel="Position in mm")
 panels[0].legend()
 panels[1].plot(record.time, 1e6 * position, color="#0072B2")
@@ -97,7 +111,9 @@ plt.show()
 # Force less inertia times acceleration is friction. One command looks at that in the log; the only thing you give is
 # the factor from the command to a force at the table: 0.2 N.m/V of the drive over a lead of 10 mm a turn is 125.66
 # N/V.
-run("cosim identify friction stage.csv --force command --factor 125.66 --unit N --plot friction.png")
+run(
+    "cosim identify friction stage.csv --force command --factor 125.66 --unit N --plot friction.png"
+)
 
 # %%
 show("friction.png", "Friction over velocity, found in the log")
@@ -123,9 +139,13 @@ system = cosim.read_system(FOLDER / "stage.toml")
 before = cosim.simulate(system)
 pairs = {"position": "plant.position", "command": "controller.command"}
 off = cosim.compare(record, before, pairs)
-print(f"position: {1e6 * off['position'].rms:.1f} um rms; command: {off['command'].rms:.3f} V rms")
+print(
+    f"position: {1e6 * off['position'].rms:.1f} um rms; command: {off['command'].rms:.3f} V rms"
+)
 
-cosim.plot([record, before], signals=pairs, labels=["log", "start values of the FMU"])
+cosim.plot(
+    [record, before], signals=pairs, labels=["log", "start values of the FMU"]
+)
 
 # %%
 # With the first values of the log, turned to the screw by its lead of 10 mm a turn, it already looks right:
@@ -133,10 +153,17 @@ from math import pi
 
 from cosim.design.friction import identify_friction
 
-look = identify_friction(FOLDER / "stage.csv", position="position", force="command", factor=125.66, force_unit="N")
+look = identify_friction(
+    FOLDER / "stage.csv",
+    position="position",
+    force="command",
+    factor=125.66,
+    force_unit="N",
+)
 lead = 0.01 / (2 * pi)  # m/rad
 first = {
-    "plant.J_rot": (look.value("inertia").value - 60.0) * lead**2,  # 60 kg of the table are known
+    "plant.J_rot": (look.value("inertia").value - 60.0)
+    * lead**2,  # 60 kg of the table are known
     "plant.F_C": look.value("Coulomb friction").value * lead,
     "plant.F_S": look.value("break-away friction").value * lead,
     "plant.sigma_2": look.value("viscous friction").value * lead**2,
@@ -148,7 +175,9 @@ for name, value in first.items():
     print(f"{name:14} {value:.4g}")
 guessed = cosim.simulate(system.changed(first))
 off = cosim.compare(record, guessed, pairs)
-print(f"position: {1e6 * off['position'].rms:.1f} um rms; command: {off['command'].rms:.3f} V rms")
+print(
+    f"position: {1e6 * off['position'].rms:.1f} um rms; command: {off['command'].rms:.3f} V rms"
+)
 
 cosim.plot([record, guessed], signals=pairs, labels=["log", "first values"])
 
@@ -182,7 +211,9 @@ from cosim.design.fit import fit
 fitted = fit(FOLDER / "stage_fit.toml")
 print(fitted.message)
 for estimate in fitted.estimates:
-    print(f"{estimate.name:15} {estimate.value:10.6g}  {estimate.low:10.6g} to {estimate.high:10.6g} {estimate.unit}")
+    print(
+        f"{estimate.name:15} {estimate.value:10.6g}  {estimate.low:10.6g} to {estimate.high:10.6g} {estimate.unit}"
+    )
 assert fitted.converged
 assert not fitted.weak
 
@@ -202,11 +233,29 @@ figure, panel = plt.subplots(figsize=(7.5, 3.2), layout="constrained")
 for row, estimate in enumerate(fitted.estimates):
     truth = TRUTH[estimate.name]
     assert abs(estimate.value / truth - 1.0) < 0.01, estimate.name
-    ends = 100.0 * (np.array([[estimate.value - estimate.low], [estimate.high - estimate.value]]) / truth)
-    panel.errorbar(100.0 * (estimate.value / truth - 1.0), row, xerr=ends, fmt="o", color="#0072B2", capsize=4)
+    ends = 100.0 * (
+        np.array(
+            [[estimate.value - estimate.low], [estimate.high - estimate.value]]
+        )
+        / truth
+    )
+    panel.errorbar(
+        100.0 * (estimate.value / truth - 1.0),
+        row,
+        xerr=ends,
+        fmt="o",
+        color="#0072B2",
+        capsize=4,
+    )
 panel.axvline(0.0, color="#D55E00", label="truth")
-panel.set(title="Fitted values with their 95 % intervals", xlabel="Difference from the truth in %")
-panel.set_yticks(range(len(fitted.estimates)), [estimate.name for estimate in fitted.estimates])
+panel.set(
+    title="Fitted values with their 95 % intervals",
+    xlabel="Difference from the truth in %",
+)
+panel.set_yticks(
+    range(len(fitted.estimates)),
+    [estimate.name for estimate in fitted.estimates],
+)
 panel.invert_yaxis()
 panel.grid(color="#DDDDDD")
 panel.legend()
@@ -227,19 +276,36 @@ from cosim.result.compare import spectrum
 
 expected = (20e-9**2 + 10e-9**2 / 12) ** 0.5
 figure, panels = plt.subplots(2, 2, figsize=(7.5, 4.6), layout="constrained")
-for row, compared in enumerate(c for c in fitted.comparisons if c.output == "position"):
+for row, compared in enumerate(
+    c for c in fitted.comparisons if c.output == "position"
+):
     left = compared.measured - compared.expected
     what = "not fitted" if compared.validates else "fitted"
-    print(f"record {compared.record} ({what}): {1e9 * compared.rms:.2f} nm rms, {1e9 * expected:.2f} nm of the sensor")
+    print(
+        f"record {compared.record} ({what}): {1e9 * compared.rms:.2f} nm rms, {1e9 * expected:.2f} nm of the sensor"
+    )
     assert abs(compared.rms / expected - 1.0) < 0.05
-    panels[row, 0].plot(compared.time, 1e9 * left, color="#009E73", linewidth=0.4)
-    panels[row, 0].set(title=f"Record {compared.record}, {what}", ylabel="Residual in nm")
+    panels[row, 0].plot(
+        compared.time, 1e9 * left, color="#009E73", linewidth=0.4
+    )
+    panels[row, 0].set(
+        title=f"Record {compared.record}, {what}", ylabel="Residual in nm"
+    )
     density = spectrum(compared.time, left)
     white = expected / np.sqrt(density.frequency[-1])
     panels[row, 1].loglog(
-        density.frequency[1:], 1e9 * density.density[1:], color="#009E73", linewidth=0.6, label="left"
+        density.frequency[1:],
+        1e9 * density.density[1:],
+        color="#009E73",
+        linewidth=0.6,
+        label="left",
     )
-    panels[row, 1].axhline(1e9 * white, color="#D55E00", linestyle="--", label="white noise of the sensor")
+    panels[row, 1].axhline(
+        1e9 * white,
+        color="#D55E00",
+        linestyle="--",
+        label="white noise of the sensor",
+    )
     panels[row, 1].set(title="Its spectral density", ylabel="nm/√Hz")
     panels[row, 1].legend(loc="lower left", fontsize=8)
 panels[1, 0].set_xlabel("Time in s")
@@ -256,12 +322,27 @@ plt.show()
 #
 # A fit with many free values can fit anything *once*. The second record is another motion of the same machine, and took
 # no part in the fit.
-figure, panels = plt.subplots(2, 1, figsize=(7.5, 4.2), sharex=True, layout="constrained")
-for panel, compared in zip(panels, (c for c in fitted.comparisons if c.validates), strict=True):
+figure, panels = plt.subplots(
+    2, 1, figsize=(7.5, 4.2), sharex=True, layout="constrained"
+)
+for panel, compared in zip(
+    panels, (c for c in fitted.comparisons if c.validates), strict=True
+):
     factor, unit = (1e3, "mm") if compared.output == "position" else (1.0, "V")
-    panel.plot(compared.time, factor * compared.measured, color="#0072B2", label="log")
-    panel.plot(compared.time, factor * compared.expected, "--", color="#D55E00", label="fitted plant")
-    panel.set(title=f"{compared.output}: fit {compared.fit:.2f} %", ylabel=f"{compared.output.capitalize()} in {unit}")
+    panel.plot(
+        compared.time, factor * compared.measured, color="#0072B2", label="log"
+    )
+    panel.plot(
+        compared.time,
+        factor * compared.expected,
+        "--",
+        color="#D55E00",
+        label="fitted plant",
+    )
+    panel.set(
+        title=f"{compared.output}: fit {compared.fit:.2f} %",
+        ylabel=f"{compared.output.capitalize()} in {unit}",
+    )
     panel.grid(color="#DDDDDD")
     panel.legend()
     assert compared.fit > 99.5
@@ -284,7 +365,9 @@ print((FOLDER / "start.toml").read_text())
 
 # %%
 # The delay belongs to the sensor, not to the plant, so ``start.toml`` has none; the comparison takes it back.
-run("cosim run start.toml --overlay stage.csv --signals plant.position=position --delay -0.0004")
+run(
+    "cosim run start.toml --overlay stage.csv --signals plant.position=position --delay -0.0004"
+)
 
 # %%
 # (The delay lies between two samples, where the run is interpolated; that is why the rms is larger than above.)
@@ -304,7 +387,9 @@ document["parameters"]["plant.K_a"] = {}
 together = fit(make_fit(document, folder=FOLDER))
 for sentence in together.findings:
     print(sentence)
-assert [set(weak.names) for weak in together.weak] == [{"plant.m", "plant.b", "plant.K_a"}]
+assert [set(weak.names) for weak in together.weak] == [
+    {"plant.m", "plant.b", "plant.K_a"}
+]
 
 # %%
 # Remedy: give the one that you know. With the force constant of the data sheet (``motor_fit.toml`` as it is), mass and

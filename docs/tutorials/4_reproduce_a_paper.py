@@ -20,14 +20,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(temporary.name)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(
+    temporary.name
+)  # or Path("my_folder"), if you want to keep the files
 
 
 def run(command):
     """Run a command as in a terminal, and print what it says."""
     print("$", command)
     called = [sys.executable, "-m", *shlex.split(command)]
-    ended = subprocess.run(called, cwd=FOLDER, capture_output=True, check=False, text=True)
+    ended = subprocess.run(
+        called, cwd=FOLDER, capture_output=True, check=False, text=True
+    )
     print(ended.stdout + ended.stderr)
     ended.check_returncode()
 
@@ -65,7 +69,10 @@ run("cosim study shams2010 --runs *_step* --output report")
 #   Here agreement proves the code, not the model.
 #
 # The report has the pictures as well. This one is at 10 kHz:
-show("report/tracking_step.png", "Step of 1 mm: error and command of the three controllers over time")
+show(
+    "report/tracking_step.png",
+    "Step of 1 mm: error and command of the three controllers over time",
+)
 
 # %%
 # Who decides?
@@ -88,9 +95,14 @@ for name in ("C1", "C3", "C5"):
 # ``figures.json`` of the report has every figure and verdict for programs. C3 asks for 0.05 µm; how far off is it?
 import json
 
-found = json.loads((FOLDER / "report/figures.json").read_text(encoding="utf-8"))["claims"]
+found = json.loads(
+    (FOLDER / "report/figures.json").read_text(encoding="utf-8")
+)["claims"]
 for name in ("C1", "C3", "C4", "C5", "C6", "C7"):
-    values = ", ".join(f"{label} {value:.3g}".strip() for label, value in found[name]["measured"].items())
+    values = ", ".join(
+        f"{label} {value:.3g}".strip()
+        for label, value in found[name]["measured"].items()
+    )
     print(f"{name}  {found[name]['verdict']:15} {values} {found[name]['unit']}")
 assert found["C1"]["verdict"] == "fitted"
 assert found["C5"]["verdict"] == "reproduced"
@@ -148,13 +160,18 @@ for change, values in changes.items():
 def error(result):
     """Tracking error in um from 0.5 s on."""
     late = result.time >= 0.5
-    return 1e6 * (result["plant.position"] - result["trajectory.position"])[late]
+    return (
+        1e6 * (result["plant.position"] - result["trajectory.position"])[late]
+    )
 
 
 rms = {key: cosim.metrics.rms(error(result)) for key, result in results.items()}
 print(f"{'rms error in um':18}" + "".join(f"{name:>8}" for name in CONTROLLERS))
 for change in changes:
-    print(f"{change:18}" + "".join(f"{rms[change, name]:8.3g}" for name in CONTROLLERS))
+    print(
+        f"{change:18}"
+        + "".join(f"{rms[change, name]:8.3g}" for name in CONTROLLERS)
+    )
 
 # %%
 # As a picture, on a logarithmic scale, because the controllers differ that much:
@@ -162,10 +179,23 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 figure, axes = plt.subplots(figsize=(7.5, 3.8), layout="constrained")
-for k, (name, colour) in enumerate(zip(CONTROLLERS, ("#0072B2", "#D55E00", "#009E73"), strict=True)):
+for k, (name, colour) in enumerate(
+    zip(CONTROLLERS, ("#0072B2", "#D55E00", "#009E73"), strict=True)
+):
     places = np.arange(len(changes)) + 0.25 * (k - 1)
-    axes.barh(places, [rms[change, name] for change in changes], 0.23, color=colour, label=name.upper())
-axes.set(yticks=np.arange(len(changes)), yticklabels=list(changes), xscale="log", xlabel="rms error in um")
+    axes.barh(
+        places,
+        [rms[change, name] for change in changes],
+        0.23,
+        color=colour,
+        label=name.upper(),
+    )
+axes.set(
+    yticks=np.arange(len(changes)),
+    yticklabels=list(changes),
+    xscale="log",
+    xlabel="rms error in um",
+)
 axes.set_title("Tracking error of three controllers when the machine changes")
 axes.invert_yaxis()
 axes.grid(axis="x", color="#DDDDDD")
@@ -177,7 +207,9 @@ plt.show()
 # **What stays true.** The fuzzy controller is the best of the three in every row, so *that* statement does not hang on
 # the data sheet:
 for change in changes:
-    assert rms[change, "fsmc"] < min(rms[change, "smc"], rms[change, "csmc"]), change
+    assert rms[change, "fsmc"] < min(rms[change, "smc"], rms[change, "csmc"]), (
+        change
+    )
 
 # %%
 # The mass changes next to nothing: the table's share of the inertia at the screw is small against what friction does.
@@ -185,9 +217,14 @@ for change in changes:
 # **What does not stay true.** The *size* of the fuzzy controller's error does: it lives from a friction model that
 # fits.
 for change in ("friction x 1.5", "friction x 0.5", "v_d = 0.01 rad/s"):
-    print(f"{change}: error of FSMC times {rms[change, 'fsmc'] / rms['as published', 'fsmc']:.1f}")
+    print(
+        f"{change}: error of FSMC times {rms[change, 'fsmc'] / rms['as published', 'fsmc']:.1f}"
+    )
     assert rms[change, "fsmc"] > 3.0 * rms["as published", "fsmc"]
-assert all(abs(rms["mass x 2", name] / rms["as published", name] - 1.0) < 0.01 for name in CONTROLLERS)
+assert all(
+    abs(rms["mass x 2", name] / rms["as published", name] - 1.0) < 0.01
+    for name in CONTROLLERS
+)
 
 # %%
 # And the chapter's other order, CSMC better than SMC, is lost when the controller gets slow. A switching term at 2 kHz
@@ -203,7 +240,10 @@ assert rms["T_s = 0.5 ms", "csmc"] > rms["T_s = 0.5 ms", "smc"]
 # the other release of the bristles. What to look at: the peaks of the error. They stand where the reference turns round
 # (0.25 s, 0.75 s ...), and they are what the larger rms consists of.
 cosim.plot(
-    [results[change, "fsmc"] for change in ("as published", "friction x 1.5", "v_d = 0.01 rad/s")],
+    [
+        results[change, "fsmc"]
+        for change in ("as published", "friction x 1.5", "v_d = 0.01 rad/s")
+    ],
     signals=["trajectory.position", "plant.position", "controller.command"],
     labels=["as published", "friction x 1.5", "v_d = 0.01 rad/s"],
 )
@@ -218,9 +258,16 @@ for message in results["as published", "fsmc"].messages:
 # The controller's feed-forward was chosen for a plant with this push. On a plant without it, it is wrong. If the
 # controller's model gets the same ``v_d``, the published error is back:
 both = {"plant.v_d": 0.01, "controller.v_d_hat": 0.01}
-told = cosim.simulate(cosim.read_system("shams2010/fsmc_2pi", both, stop_time=1.5))
-print(f"v_d in plant and controller: rms {cosim.metrics.rms(error(told)):.3g} um")
-assert abs(cosim.metrics.rms(error(told)) / rms["as published", "fsmc"] - 1.0) < 0.01
+told = cosim.simulate(
+    cosim.read_system("shams2010/fsmc_2pi", both, stop_time=1.5)
+)
+print(
+    f"v_d in plant and controller: rms {cosim.metrics.rms(error(told)):.3g} um"
+)
+assert (
+    abs(cosim.metrics.rms(error(told)) / rms["as published", "fsmc"] - 1.0)
+    < 0.01
+)
 
 # %%
 # So the chapter's controller is not bound to the defect of its friction model; its *settings* are.

@@ -19,14 +19,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(temporary.name)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(
+    temporary.name
+)  # or Path("my_folder"), if you want to keep the files
 
 
 def run(command):
     """Run a command as in a terminal, and print what it says."""
     print("$", command)
     called = [sys.executable, "-m", *shlex.split(command)]
-    ended = subprocess.run(called, cwd=FOLDER, capture_output=True, check=False, text=True)
+    ended = subprocess.run(
+        called, cwd=FOLDER, capture_output=True, check=False, text=True
+    )
     print(ended.stdout + ended.stderr)
     ended.check_returncode()
 
@@ -50,7 +54,10 @@ def show(name, title):
 run("cosim run maeda2008/step_1mm --stop-time 0.3 --plot step.png")
 
 # %%
-show("step.png", "Step of 1 mm with the gains of the paper: position, error and command over time")
+show(
+    "step.png",
+    "Step of 1 mm with the gains of the paper: position, error and command over time",
+)
 
 # %%
 # Sweep: see the whole country first
@@ -93,19 +100,34 @@ from matplotlib.colors import LogNorm
 def rows(name):
     """The columns of a data set by name, in the order of the runs."""
     table = pyarrow.parquet.read_table(FOLDER / name / "runs").sort_by("run")
-    return {column: np.array(values) for column, values in table.to_pydict().items()}
+    return {
+        column: np.array(values) for column, values in table.to_pydict().items()
+    }
 
 
 grid = rows("gains")
 K_P, K_I = np.unique(grid["controller.K_P"]), np.unique(grid["controller.K_I"])
 figure, panels = plt.subplots(1, 2, figsize=(7.5, 3.4), layout="constrained")
 for panel, (name, scale, title) in zip(
-    panels, (("error_rms", 1e9, "Error left, rms in nm"), ("effort", 1.0, "Effort in A/s")), strict=True
+    panels,
+    (
+        ("error_rms", 1e9, "Error left, rms in nm"),
+        ("effort", 1.0, "Effort in A/s"),
+    ),
+    strict=True,
 ):
     values = scale * grid[name].reshape(len(K_P), len(K_I)).T
     picture = panel.pcolormesh(K_P, K_I, values, norm=LogNorm(), cmap="viridis")
-    panel.set(xscale="log", yscale="log", xlabel="K_P in A.s/m", ylabel="K_I in A/m", title=title)
-    panel.set_xticks([200, 500, 1000, 2000], labels=["200", "500", "1000", "2000"])
+    panel.set(
+        xscale="log",
+        yscale="log",
+        xlabel="K_P in A.s/m",
+        ylabel="K_I in A/m",
+        title=title,
+    )
+    panel.set_xticks(
+        [200, 500, 1000, 2000], labels=["200", "500", "1000", "2000"]
+    )
     panel.set_xticks([], minor=True)
     figure.colorbar(picture, ax=panel)
 plt.show()
@@ -115,7 +137,9 @@ plt.show()
 # micrometres, and the effort is a hundred times that of the rest. Below, the two pictures disagree: a large ``K_P``
 # leaves little error and takes much effort. So "the best gains" is no question yet; it needs limits.
 best = int(np.argmin(grid["error_rms"]))
-print(f"least error in the grid: {1e9 * grid['error_rms'][best]:.1f} nm at K_P = {grid['controller.K_P'][best]:.0f}")
+print(
+    f"least error in the grid: {1e9 * grid['error_rms'][best]:.1f} nm at K_P = {grid['controller.K_P'][best]:.0f}"
+)
 print(f"largest: {1e9 * grid['error_rms'].max():.0f} nm")
 assert grid["error_rms"].max() > 100.0 * grid["error_rms"].min()
 
@@ -136,12 +160,19 @@ def interrupt(progress):
 
 
 try:
-    sweep(FOLDER / "gains.toml", FOLDER / "again", workers=0, progress=interrupt)
+    sweep(
+        FOLDER / "gains.toml", FOLDER / "again", workers=0, progress=interrupt
+    )
 except KeyboardInterrupt:
     print("interrupted with", len(rows("again")["run"]), "row on disk")
 ended = sweep(FOLDER / "gains.toml", FOLDER / "again", workers=0)
-print(f"called again: {ended.new} new runs, {ended.runs} in all, {ended.failed} failed")
-assert all(np.array_equal(rows("again")[name], grid[name]) for name in ("run", "error_rms", "highest", "effort"))
+print(
+    f"called again: {ended.new} new runs, {ended.runs} in all, {ended.failed} failed"
+)
+assert all(
+    np.array_equal(rows("again")[name], grid[name])
+    for name in ("run", "error_rms", "highest", "effort")
+)
 
 # %%
 # The rows are those of the first sweep, to the last bit. If you change the file, the old data set is refused, unless
@@ -191,7 +222,10 @@ MACHINE = {
     "plant.K_m": (0.155, 0.19),  # N.m/A
     "plant.K_n": (5.8e5, 1.08e6),  # N/m, the nut
 }
-parameters = "".join(f'"{name}" = {{ from = {low}, to = {high} }}\n' for name, (low, high) in MACHINE.items())
+parameters = "".join(
+    f'"{name}" = {{ from = {low}, to = {high} }}\n'
+    for name, (low, high) in MACHINE.items()
+)
 (FOLDER / "machines.toml").write_text(
     f"""\
 system = "tuned.toml"
@@ -210,7 +244,9 @@ run("cosim sweep machines.toml --output machines")
 # %%
 machines = rows("machines")
 tuned = np.sort(1e9 * machines["error_rms"])
-print(f"error left: least {tuned[0]:.1f} nm, median {np.median(tuned):.1f} nm, worst {tuned[-1]:.1f} nm")
+print(
+    f"error left: least {tuned[0]:.1f} nm, median {np.median(tuned):.1f} nm, worst {tuned[-1]:.1f} nm"
+)
 assert tuned[0] < 10.0
 assert np.median(tuned) > 50.0
 
@@ -224,22 +260,43 @@ import tomllib
 
 from cosim.design.plan import make_sweep
 
-start = tomllib.loads((FOLDER / "tuned.toml").read_text())["instances"]["controller"]["start"]
-pairs = [(start["K_P"], start["K_I"]), *itertools.product((250.0, 400.0, 600.0, 960.0), (2e4, 4e4, 9.57913e4))]
-runs = {name: [float(value) for _ in pairs for value in machines[name]] for name in MACHINE}
+start = tomllib.loads((FOLDER / "tuned.toml").read_text())["instances"][
+    "controller"
+]["start"]
+pairs = [
+    (start["K_P"], start["K_I"]),
+    *itertools.product((250.0, 400.0, 600.0, 960.0), (2e4, 4e4, 9.57913e4)),
+]
+runs = {
+    name: [float(value) for _ in pairs for value in machines[name]]
+    for name in MACHINE
+}
 runs["controller.K_P"] = [gain for gain, _ in pairs for _ in range(24)]
 runs["controller.K_I"] = [gain for _, gain in pairs for _ in range(24)]
-document = {"system": "maeda2008/step_1mm.toml", "method": "list", "parameters": runs, **tomllib.loads(METRICS)}
-sweep(make_sweep(document, name="pairs.toml", folder=FOLDER), FOLDER / "pairs", workers=2)
+document = {
+    "system": "maeda2008/step_1mm.toml",
+    "method": "list",
+    "parameters": runs,
+    **tomllib.loads(METRICS),
+}
+sweep(
+    make_sweep(document, name="pairs.toml", folder=FOLDER),
+    FOLDER / "pairs",
+    workers=2,
+)
 
 errors = 1e9 * rows("pairs")["error_rms"].reshape(len(pairs), 24)
 efforts = rows("pairs")["effort"].reshape(len(pairs), 24)
 print("   K_P     K_I   median   worst   worst effort")
 for (K_P, K_I), error, effort in zip(pairs, errors, efforts, strict=True):
-    print(f"{K_P:6.0f}{K_I:8.0f}{np.median(error):9.1f}{error.max():8.1f}{effort.max():15.1f}")
+    print(
+        f"{K_P:6.0f}{K_I:8.0f}{np.median(error):9.1f}{error.max():8.1f}{effort.max():15.1f}"
+    )
 allowed = efforts.max(axis=1) <= 10.0
 robust = min(np.flatnonzero(allowed), key=lambda i: errors[i].max())
-print(f"least worst error within the effort: K_P = {pairs[robust][0]:.0f} A.s/m, K_I = {pairs[robust][1]:.0f} A/m")
+print(
+    f"least worst error within the effort: K_P = {pairs[robust][0]:.0f} A.s/m, K_I = {pairs[robust][1]:.0f} A/m"
+)
 assert errors[robust].max() < errors[0].max()
 
 # %%
@@ -251,8 +308,18 @@ for i, label, colour in (
     (paper, "paper", "#0072B2"),
     (robust, "robust", "#009E73"),
 ):
-    panel.step(np.sort(errors[i]), np.arange(1, 25), where="post", color=colour, label=label)
-panel.set(xlabel="Error left, rms in nm", ylabel="Machines", title="How many of 24 machines leave at most this error")
+    panel.step(
+        np.sort(errors[i]),
+        np.arange(1, 25),
+        where="post",
+        color=colour,
+        label=label,
+    )
+panel.set(
+    xlabel="Error left, rms in nm",
+    ylabel="Machines",
+    title="How many of 24 machines leave at most this error",
+)
 panel.grid(color="#DDDDDD")
 panel.legend()
 plt.show()
@@ -276,14 +343,19 @@ import cosim
 from cosim.design.linearize import loop_margins
 from cosim.design.stability import practical_limit
 
-AT_REST = {"trajectory.amplitude": 1e-7, "controller.sensor_resolution": 0.0}  # no saturation, no steps of the sensor
+AT_REST = {
+    "trajectory.amplitude": 1e-7,
+    "controller.sensor_resolution": 0.0,
+}  # no saturation, no steps of the sensor
 SOFT = {"plant.sigma_0": 1e-6, "plant.sigma_1": 0.0}
 
 
 def linear(gain, changes):
     """Loop transfer function at rest, and its margins."""
     values = {"controller.K_P": gain, "controller.K_I": 0.0, **changes}
-    return loop_margins(cosim.read_system("maeda2008/step_1mm", values), at=0.0, start=AT_REST)
+    return loop_margins(
+        cosim.read_system("maeda2008/step_1mm", values), at=0.0, start=AT_REST
+    )
 
 
 def simulated(changes):
@@ -292,9 +364,14 @@ def simulated(changes):
     return practical_limit("maeda2008/step_1mm", values).stable
 
 
-loops = {"friction as a spring": linear(400.0, {}), "no friction": linear(400.0, SOFT)}
+loops = {
+    "friction as a spring": linear(400.0, {}),
+    "no friction": linear(400.0, SOFT),
+}
 for name, (_, margins) in loops.items():
-    print(f"linear, {name}: gain margin {margins.gain:.2f}, so K_P up to {400.0 * margins.gain:.0f} A.s/m")
+    print(
+        f"linear, {name}: gain margin {margins.gain:.2f}, so K_P up to {400.0 * margins.gain:.0f} A.s/m"
+    )
 limits = {"with friction": simulated({}), "no friction": simulated(SOFT)}
 for name, limit in limits.items():
     print(f"simulated, {name}: K_P up to {limit:.0f} A.s/m")
@@ -303,18 +380,35 @@ for name, limit in limits.items():
 # Without friction the linear and the simulated limit agree within 2 %, as they must, for then the loop *is* linear.
 # With friction the truth lies between: small swings feel a spring, larger ones slide. So the gain of the paper, 960
 # A.s/m, is stable **because of** friction. On a stage with air bearings it would not be.
-assert abs(limits["no friction"] / (400.0 * loops["no friction"][1].gain) - 1.0) < 0.02
-assert limits["no friction"] < 960.0 < limits["with friction"] < 400.0 * loops["friction as a spring"][1].gain
+assert (
+    abs(limits["no friction"] / (400.0 * loops["no friction"][1].gain) - 1.0)
+    < 0.02
+)
+assert (
+    limits["no friction"]
+    < 960.0
+    < limits["with friction"]
+    < 400.0 * loops["friction as a spring"][1].gain
+)
 
-figure, (size, angle) = plt.subplots(2, 1, figsize=(7.5, 4.4), sharex=True, layout="constrained")
+figure, (size, angle) = plt.subplots(
+    2, 1, figsize=(7.5, 4.4), sharex=True, layout="constrained"
+)
 hertz = np.geomspace(1.0, 2499.0, 500)
-for (name, (loop, _)), colour in zip(loops.items(), ("#0072B2", "#D55E00"), strict=True):
+for (name, (loop, _)), colour in zip(
+    loops.items(), ("#0072B2", "#D55E00"), strict=True
+):
     response = loop.response(2.0 * np.pi * hertz)[:, 0, 0]
     size.loglog(hertz, np.abs(response), color=colour, label=name)
-    angle.semilogx(hertz, np.degrees(np.unwrap(np.angle(response))), color=colour)
+    angle.semilogx(
+        hertz, np.degrees(np.unwrap(np.angle(response))), color=colour
+    )
 size.axhline(1.0, color="#777777", linewidth=0.8)
 angle.axhline(-180.0, color="#777777", linewidth=0.8)
-size.set(ylabel="Magnitude", title="Loop transfer function at K_P = 400 A.s/m, K_I = 0, sampled at 5 kHz")
+size.set(
+    ylabel="Magnitude",
+    title="Loop transfer function at K_P = 400 A.s/m, K_I = 0, sampled at 5 kHz",
+)
 angle.set(ylabel="Phase in degrees", xlabel="Frequency in Hz")
 for panel in (size, angle):
     panel.grid(color="#DDDDDD")

@@ -20,14 +20,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(temporary.name)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(
+    temporary.name
+)  # or Path("my_folder"), if you want to keep the files
 
 
 def run(command):
     """Run a command as in a terminal, and print what it says."""
     print("$", command)
     called = [sys.executable, "-m", *shlex.split(command)]
-    ended = subprocess.run(called, cwd=FOLDER, capture_output=True, check=False, text=True)
+    ended = subprocess.run(
+        called, cwd=FOLDER, capture_output=True, check=False, text=True
+    )
     print(ended.stdout + ended.stderr)
     ended.check_returncode()
 
@@ -101,7 +105,9 @@ run("cosim info SupplierAxis.fmu")
 #
 # Run it alone first, with a question whose answer you know: 100 mN.m less the friction of 50 mN.m turn 2e-4 kg.m2 for
 # 0.2 s, which makes 50 rad/s.
-run("cosim run SupplierAxis.fmu --set torque=100 --stop-time 0.2 --step-size 1e-3 --output alone.csv")
+run(
+    "cosim run SupplierAxis.fmu --set torque=100 --stop-time 0.2 --step-size 1e-3 --output alone.csv"
+)
 
 # %%
 # The note says that this FMU carries no program of its own: it needs an installed Python. ``check`` and ``run`` tell
@@ -111,7 +117,9 @@ import math
 import cosim
 
 alone = cosim.read_result(FOLDER / "alone.csv")
-print(f"speed after 0.2 s: {alone['SupplierAxis.speed'][-1] * math.pi / 30.0:.2f} rad/s")
+print(
+    f"speed after 0.2 s: {alone['SupplierAxis.speed'][-1] * math.pi / 30.0:.2f} rad/s"
+)
 assert abs(alone["SupplierAxis.speed"][-1] * math.pi / 30.0 - 50.0) < 0.5
 
 # %%
@@ -192,10 +200,19 @@ run("cosim check loop.toml")
 def load(path, integers=(), **parameters):
     """An FMU in FMPy, initialized, and the numbers (value references) of its variables."""
     description = fmpy.read_model_description(path)
-    number = {variable.name: variable.valueReference for variable in description.modelVariables}
-    fmu = fmpy.instantiate_fmu(fmpy.extract(path, FOLDER / f"{path.stem}_extracted"), description, "CoSimulation")
+    number = {
+        variable.name: variable.valueReference
+        for variable in description.modelVariables
+    }
+    fmu = fmpy.instantiate_fmu(
+        fmpy.extract(path, FOLDER / f"{path.stem}_extracted"),
+        description,
+        "CoSimulation",
+    )
     for name, value in parameters.items():
-        (fmu.setInteger if name in integers else fmu.setReal)([number[name]], [value])
+        (fmu.setInteger if name in integers else fmu.setReal)(
+            [number[name]], [value]
+        )
     fmu.setupExperiment(startTime=0.0)
     fmu.enterInitializationMode()
     fmu.exitInitializationMode()
@@ -203,9 +220,17 @@ def load(path, integers=(), **parameters):
 
 
 run("cosim fmus copy fmus Trajectory CascadePid")
-trajectory, t = load(FOLDER / "fmus/Trajectory.fmu", ("kind",), kind=5, amplitude=8e-3, T_s=1e-3)  # 5: quintic
+trajectory, t = load(
+    FOLDER / "fmus/Trajectory.fmu", ("kind",), kind=5, amplitude=8e-3, T_s=1e-3
+)  # 5: quintic
 controller, c = load(
-    FOLDER / "fmus/CascadePid.fmu", T_s=1e-3, l_p=1.59155e-3, M=79.0, K_pos=60.0, omega_v=200.0, T_i=0.02
+    FOLDER / "fmus/CascadePid.fmu",
+    T_s=1e-3,
+    l_p=1.59155e-3,
+    M=79.0,
+    K_pos=60.0,
+    omega_v=200.0,
+    T_i=0.02,
 )
 axis, a = load(FOLDER / "SupplierAxis.fmu")
 by_hand = []
@@ -214,7 +239,13 @@ for k in range(400):
     (position,) = axis.getReal([a["position"]])
     measured = [1e-3 * position, 1e-3 * position]
     controller.setReal(
-        [c["position_ref"], c["position_next"], c["position"], c["motor_position"]], [*wanted, *measured]
+        [
+            c["position_ref"],
+            c["position_next"],
+            c["position"],
+            c["motor_position"],
+        ],
+        [*wanted, *measured],
     )
     (command,) = controller.getReal([c["command"]])
     axis.setReal([a["torque"]], [1e3 * command])
@@ -226,8 +257,13 @@ for fmu in (trajectory, controller, axis):
     fmu.freeInstance()
 
 result = cosim.simulate(cosim.read_system(FOLDER / "loop.toml"), isolated=True)
-difference = max(abs(one - other) for one, other in zip(by_hand, result["axis.position"], strict=False))
-print(f"{len(by_hand)} steps, largest difference of the position: {difference:.0e} mm")
+difference = max(
+    abs(one - other)
+    for one, other in zip(by_hand, result["axis.position"], strict=False)
+)
+print(
+    f"{len(by_hand)} steps, largest difference of the position: {difference:.0e} mm"
+)
 assert difference < 1e-12
 
 # %%
@@ -250,16 +286,40 @@ import matplotlib.pyplot as plt
 
 text = (FOLDER / "loop.toml").read_text().replace(", factor = 1e-3", "")
 (FOLDER / "forgotten.toml").write_text(text)
-forgotten = cosim.simulate(cosim.read_system(FOLDER / "forgotten.toml"), isolated=True)
+forgotten = cosim.simulate(
+    cosim.read_system(FOLDER / "forgotten.toml"), isolated=True
+)
 figure, panel = plt.subplots(figsize=(7.5, 2.8), layout="constrained")
-panel.plot(result.time, 1e3 * result["trajectory.position"], color="#999999", linewidth=3, label="reference")
-panel.plot(result.time, result["axis.position"], color="#0072B2", label="with the factor")
-panel.plot(forgotten.time, forgotten["axis.position"], color="#D55E00", label="factor forgotten")
-panel.set(xlabel="Time in s", ylabel="Position in mm", title="A supplier's axis under a cascade controller")
+panel.plot(
+    result.time,
+    1e3 * result["trajectory.position"],
+    color="#999999",
+    linewidth=3,
+    label="reference",
+)
+panel.plot(
+    result.time,
+    result["axis.position"],
+    color="#0072B2",
+    label="with the factor",
+)
+panel.plot(
+    forgotten.time,
+    forgotten["axis.position"],
+    color="#D55E00",
+    label="factor forgotten",
+)
+panel.set(
+    xlabel="Time in s",
+    ylabel="Position in mm",
+    title="A supplier's axis under a cascade controller",
+)
 panel.grid(color="#DDDDDD")
 panel.legend()
 plt.show()
-print(f"with the factor {result['axis.position'][-1]:.3f} mm, without {forgotten['axis.position'][-1]:.3f} mm")
+print(
+    f"with the factor {result['axis.position'][-1]:.3f} mm, without {forgotten['axis.position'][-1]:.3f} mm"
+)
 assert abs(result["axis.position"][-1] - 8.0) < 0.02
 assert abs(forgotten["axis.position"][-1] - 8.0) > 4.0
 
@@ -299,7 +359,9 @@ fails("hang")
 for failure in ("exception", "crash", "hang"):
     kept = cosim.read_result(FOLDER / f"{failure}.csv")
     print(f"{failure:10} {len(kept.time)} rows, up to {kept.time[-1]:g} s")
-    assert (kept["axis.position"] == result["axis.position"][: len(kept.time)]).all()
+    assert (
+        kept["axis.position"] == result["axis.position"][: len(kept.time)]
+    ).all()
     assert len(kept.time) == 201
 
 # %%
@@ -307,7 +369,10 @@ for failure in ("exception", "crash", "hang"):
 # and takes it along when it crashes: notebooks, beware.
 try:
     cosim.simulate(
-        cosim.read_system(FOLDER / "loop.toml", {"axis.fail_at": 0.2, "axis.failure": "crash"}), isolated=True
+        cosim.read_system(
+            FOLDER / "loop.toml", {"axis.fail_at": 0.2, "axis.failure": "crash"}
+        ),
+        isolated=True,
     )
 except cosim.ProcessError as error:
     print(error)
@@ -332,8 +397,14 @@ with zipfile.ZipFile(FOLDER / "loop.ssp") as archive:
     structure = ElementTree.fromstring(archive.read("SystemStructure.ssd"))
 for wire in structure.findall(".//{*}Connection"):
     factor = wire.find("{*}LinearTransformation")
-    source, target = (f"{wire.get(end + 'Element')}.{wire.get(end + 'Connector')}" for end in ("start", "end"))
-    print(f"{source} -> {target}", "" if factor is None else f"times {factor.get('factor')}")
+    source, target = (
+        f"{wire.get(end + 'Element')}.{wire.get(end + 'Connector')}"
+        for end in ("start", "end")
+    )
+    print(
+        f"{source} -> {target}",
+        "" if factor is None else f"times {factor.get('factor')}",
+    )
 
 # %%
 # The other way round, a package from another tool is a system like any other: ``cosim check theirs.ssp`` says what it

@@ -387,11 +387,7 @@ class _Reader:
             and float(np.ptp(record.values[output.name][record.part])) > 0.0
         ]
         if not moving:
-            said = ", ".join(
-                f"{output.name} varies by {float(np.std(record.values[output.name][record.part])):.3g} {output.unit} "
-                f"rms, its noise is {output.noise:.3g} {output.unit}"
-                for output in outputs
-            )
+            said = ", ".join(_still(output, record.values[output.name][record.part]) for output in outputs)
             self._problem(
                 f"records.{record.name}", f"a record without excitation: {said}. Take one in which the machine moves."
             )
@@ -489,6 +485,14 @@ class _Reader:
             self._problem(key, f"'{path}' is connected, so its start value has no effect.")
             return None
         return variable
+
+
+def _still(output: Output, values: Array) -> str:
+    """What a record without motion holds of an output, in words."""
+    if float(np.ptp(values)) == 0.0:
+        return f"{output.name} is {values[0]:g} {output.unit} throughout"
+    varies = f"{output.name} varies by {float(np.std(values)):.3g} {output.unit} rms"
+    return f"{varies}, its noise is {output.noise:.3g} {output.unit}"
 
 
 def _most(value: float | FreeData) -> float:
