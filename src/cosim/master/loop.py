@@ -63,8 +63,8 @@ CALL_REAL, STEP_GET_REAL, NOTHING, EXCHANGE, ADD, TABLE, GUARD = range(7)
 ``EXCHANGE`` calls ``FUNCTION``, which sets (``SET`` is 1) or gets (``SET`` is 0) ``COUNT`` values of ``TYPE`` in
 ``BUFFER``, for ``REFERENCE_COUNT`` value references at ``REFERENCES``. Values of other types than double are converted
 from or to the slots from ``SLOT`` on. A double is rounded to an integer; a double other than 0 becomes true.
-``CALL_REAL`` (without a step) and ``STEP_GET_REAL`` are the two most frequent kinds of ``EXCHANGE``, with doubles of FMI
-2.0. They have a fast path in the loop; ``array`` selects them.
+``CALL_REAL`` (without a step) and ``STEP_GET_REAL`` are the two most frequent kinds of ``EXCHANGE``: doubles, FMI 2.0.
+They have a fast path in the loop; ``array`` selects them.
 ``ADD``: the connections of this row add to their targets instead of setting them.
 ``TABLE`` copies ``COUNT`` values from a table of doubles at ``BUFFER`` to the slots from ``SLOT`` on. The table has one
 row of ``COUNT`` values for each point; its first row is for the point at which ``advance`` begins.
