@@ -85,6 +85,10 @@ def cards(room: str) -> str:
     )
 
 
+MARKS = str.maketrans({mark: f"&#{ord(mark)};" for mark in "|*_`[]$~"})
+"""What means something in Markdown, as HTML writes it."""
+
+
 def page(name: str) -> str:
     """The page of a component."""
     kind = WORKSPACE.component(name)
@@ -138,8 +142,8 @@ def _section(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) ->
 
 
 def _cell(cell: Any) -> str:
-    """Text of a cell; HTML stays HTML."""
-    return str(cell).replace("|", "&#124;") if isinstance(cell, Markup) else escaped(str(cell))
+    """Text of a cell; HTML stays HTML, in which Markdown's own marks are shown as they are."""
+    return str(cell).translate(MARKS) if isinstance(cell, Markup) else escaped(str(cell))
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
