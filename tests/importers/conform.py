@@ -46,8 +46,6 @@ ROOT = Path(__file__).resolve().parents[2]
 RUNNER = Path(__file__).with_name("runner.py")
 BUGS = Path(__file__).with_name("bugs.py")
 TOLERANCE = 1e-9
-PYTHON_TOLERANCE = 1e-6
-"""A last bit in a communication point leads scipy's LSODA another way, within its tolerance of 1e-6."""
 SYSTEM_TOLERANCE = 1e-6
 """Feedback carries the last bits of a communication point on."""
 EXCHANGE_TOLERANCE = 1e-4
@@ -277,21 +275,19 @@ class Conformance:
 
     def fmus(self, flavour: str, place: Path) -> list[Outcome]:
         """Every importer of single FMUs."""
-        tolerance = PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
         paths = sorted(place.glob("*.fmu"))
         cases, what = [fmu_case(path) for path in paths], f"{len(paths)} {flavour} FMUs"
-        found = [self.one(i, cases, what, tolerance=tolerance, fmus=flavour) for i in FMU_IMPORTERS]
+        found = [self.one(i, cases, what, fmus=flavour) for i in FMU_IMPORTERS]
         oms = replace(SYSTEM_IMPORTERS[-1], name="OMSimulator, SSP of one FMU", lacks=())
         singles = [single_case(path, self.folder) for path in paths]
         return [*found, self.one(oms, singles, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour)]
 
     def checks(self, flavour: str, place: Path) -> list[Outcome]:
         """Every checker."""
-        tolerance = PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
         paths = sorted(place.glob("*.fmu"))
         cases = [fmu_case(path, held=False) for path in paths]
         what = f"{len(paths)} {flavour} FMUs"
-        return [self.one(i, cases, what, tolerance=tolerance, fmus=flavour) for i in CHECKERS]
+        return [self.one(i, cases, what, fmus=flavour) for i in CHECKERS]
 
     def exchange(self, place: Path) -> list[Outcome]:
         """The plants as model exchange."""

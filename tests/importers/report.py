@@ -162,9 +162,10 @@ NOTES = """
 def data(sections: Iterable[Section]) -> str:
     """docs/importers.json: for each importer and kind of FMU what became of each component, by itself or in systems.
 
-    A list of objects in the order of the tables: ``section``, ``importer``, ``version``, ``fmus``, ``sees``,
-    ``missing`` (why it was not run at all) and ``components``: name -> ``jobs`` (how many had the component), ``ran``,
-    ``difference`` (the largest, as a share of the output's largest value; null without a trace) and ``problems``.
+    A list of objects, one a line, in the order of the tables: ``section``, ``importer``, ``version``, ``fmus``,
+    ``sees``, ``missing`` (why it was not run at all) and ``components``: name -> ``jobs`` (how many had the component),
+    ``ran``, ``difference`` (the largest, as a share of the output's largest value; null without a trace) and
+    ``problems``.
     """
     rows = [
         {
@@ -180,7 +181,7 @@ def data(sections: Iterable[Section]) -> str:
         for o in found
         if o.fmus != "reference"
     ]
-    return json.dumps(rows, indent=1, ensure_ascii=False) + "\n"
+    return "[\n" + ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows) + "\n]\n"
 
 
 def _components(runs: Iterable[Run]) -> dict[str, dict[str, Any]]:
