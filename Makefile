@@ -4,8 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PYTHON CONSTRAINTS
 
-.PHONY: demo test lint fmus wheel study bench docs conformance platforms lowest constraints clean build-tools test-tools \
-	lint-tools docs-tools
+.PHONY: demo test lint fmus wheel release study bench docs conformance platforms lowest constraints clean build-tools \
+	test-tools lint-tools docs-tools
 
 demo: fmus
 	$(BIN)/cosim run studies/shams2010/fsmc_5sin.toml --plot build/demo/fsmc_5sin.png --output build/demo/fsmc_5sin.csv
@@ -29,6 +29,16 @@ wheel: build-tools
 	$(BIN)/python build_fmus.py --platform all --output build/fmus/release
 	$(BIN)/hatchling build --directory build/dist
 
+# build/release: wheel, sdist, site, bill of materials, SHA256SUMS; the same commit gives the same bytes
+release: export CONSTRAINTS := constraints.txt
+release:
+	@sh .ci/venv build docs plots release test
+	$(BIN)/python .ci/release.py check
+	$(MAKE) wheel
+	$(BIN)/python build_fmus.py
+	$(BIN)/python -m docs.build
+	$(BIN)/python .ci/release.py collect
+
 # the documentation as a site, build/site/html/index.html: its tutorials and examples run while it is built
 docs: docs-tools fmus
 	$(BIN)/python -m docs.build
@@ -40,7 +50,7 @@ study: test-tools fmus
 
 bench: test-tools fmus
 	sh .ci/venv bench
-	for script in $(filter-out benchmarks/peers.py benchmarks/same_results.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
+	for script in $(filter-out benchmarks/figures.py benchmarks/peers.py benchmarks/same_results.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
 
 # other importers, in venvs of their own; writes docs/importers.md (ecospy needs libtbb.so.12, Debian's libtbb12).
 # Programs built elsewhere: make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH"
@@ -69,7 +79,7 @@ lowest: build-tools
 constraints: build-tools
 	rm -rf build/constraints
 	$(BIN)/python -m venv build/constraints
-	build/constraints/bin/python -m pip install --quiet --editable ".[build,importers,test,lint]"
+	build/constraints/bin/python -m pip install --quiet --editable ".[build,docs,importers,lint,release,test]"
 	echo "# Written by make constraints: what CI installs." > constraints.txt
 	build/constraints/bin/python -m pip freeze --exclude-editable >> constraints.txt
 

@@ -5,14 +5,14 @@ without a server, and treat warnings as errors. The theme Furo has a light and a
 elsewhere.
 """
 
-from importlib.metadata import version as installed_version
 from typing import Any
 
+from cosim.version import VERSION
 from docs.gallery import tidy
 
 project = "motion-cosim"
 author = copyright = "the motion-cosim authors, MIT licence"
-version = release = installed_version("motion-cosim")
+version = release = VERSION
 
 extensions = [
     "myst_parser",
@@ -20,16 +20,31 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
     "docs.access",
+    "docs.docstrings",
+    "docs.equations",
+    "docs.keys",
+    "docs.latex",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["examples", "schemas", "tutorials"]
-suppress_warnings = ["config.cache"]  # functions in the configuration below
+exclude_patterns = ["components/systems", "examples", "schemas", "tutorials"]
+suppress_warnings = [
+    "config.cache",  # functions in the configuration below
+    "sphinx_gallery.space_in_filename",  # a checkout may lie in any folder; the names of the pages have no blanks
+]
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
 myst_heading_anchors = 4
 
+autodoc_preserve_defaults = True
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {"Array": "Array", "NDArray": "NDArray"}
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 60
+toc_object_entries_show_parents = "hide"
+
 html_theme = "furo"
+html_math_renderer = "mathml"
 html_title = "motion-cosim"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
@@ -48,7 +63,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("matplotlib", "docs.gallery.scrape"),
-    "ignore_repr_types": "Picture|SimpleNamespace",  # shown as pictures
+    "capture_repr": ("_repr_html_",),
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,

@@ -33,7 +33,10 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[1]
-COMPUTING_TIME = re.compile(r"^.* times real time *\n", re.MULTILINE)
+COMPUTING_TIME = re.compile(
+    r"^(.* times real time| *Elapsed .* s) *\n|(?<=runs of a record) in \S+ s|(?<= passed) in \S+s$", re.MULTILINE
+)
+TIME_COLUMN = "Time / s"
 FOLDER = re.compile(r"(?<!\S)/\S+/(?=\S)")
 """The folders of an absolute path, up to the name of the file."""
 WIDTH, TOO_LONG = 80, 100
@@ -45,11 +48,25 @@ LINKS = ("build", "docs", "fmus", "studies")
 def cleaned(text: str) -> str:
     """A program's output that is the same each time: no computing times, no folders of this machine, long
     sentences broken, no blanks at the ends of lines."""
-    text = FOLDER.sub("", COMPUTING_TIME.sub("", text))
+    text = FOLDER.sub("", COMPUTING_TIME.sub("", _without_time_column(text)))
     lines: list[str] = []
     for line in text.splitlines():
         lines += textwrap.wrap(line, WIDTH) if len(line) > TOO_LONG else [line]
     return "\n".join(line.rstrip() for line in lines).strip("\n")
+
+
+def _without_time_column(text: str) -> str:
+    """The text without the columns of computing times in its tables. A table ends at an empty line."""
+    lines: list[str] = []
+    column: slice | None = None
+    for line in text.splitlines():
+        if TIME_COLUMN in line:
+            end = line.index(TIME_COLUMN) + len(TIME_COLUMN)
+            column = slice(end - len(TIME_COLUMN), end + 3)  # with the gap to the next column
+        elif not line.strip():
+            column = None
+        lines.append(line if column is None else line[: column.start] + line[column.stop :])
+    return "\n".join(lines)
 
 
 class Block(SphinxDirective):

@@ -10,9 +10,9 @@ from pathlib import Path
 from cosim.commands.cli import make_parser
 from cosim.commands.parser import EXIT_CODES, Parser, broken
 
-from .markup import directive, fenced, literal, markdown
+from .markup import directive, fenced, found_by, literal, markdown
 
-FORMATS: dict[str, str] = {}
+FORMATS = {"SWEEP": "sweep", "FIT": "fit", "TUNING": "tuning", "MAP": "map", "SYSTEM|FMU": "system", "SYSTEM": "system"}
 """Name of an argument -> the page of the file that it takes."""
 
 
@@ -75,7 +75,9 @@ def _option(action: argparse.Action) -> str:
         notes.append("Several may be given." if action.nargs == "+" else "None, one or several may be given.")
     if not action.option_strings and (page := FORMATS.get(_metavar(action))):
         notes.append(f"Format: [{page} file](../formats/{page}.md).")
-    return directive("option", ", ".join(names), "\n\n".join([text, *([" ".join(notes)] if notes else [])]))
+    return found_by(*action.option_strings) + directive(
+        "option", ", ".join(names), "\n\n".join([text, *([" ".join(notes)] if notes else [])])
+    )
 
 
 def _metavar(action: argparse.Action) -> str:

@@ -6,7 +6,7 @@ import re
 
 _CODE = re.compile(r"``(.+?)``", re.DOTALL)
 _MARKS = re.compile(r"([\\`*_{}\[\]<>#|$~^&!])")
-_AT_START = re.compile(r"^(\s*)([-+:=]|\d+[.)])(?=\s|$)", re.MULTILINE)
+_AT_START = re.compile(r"^(\d*)([-+:=.)])(?=\s|$)")
 
 
 def literal(text: str) -> str:
@@ -18,19 +18,21 @@ def literal(text: str) -> str:
 
 def escaped(text: str) -> str:
     """``text`` with every character that means something in Markdown escaped."""
-    return _AT_START.sub(lambda match: f"{match[1]}\\{match[2]}", _MARKS.sub(r"\\\1", text))
+    return _MARKS.sub(r"\\\1", text)
 
 
 def markdown(text: str) -> str:
     """A paragraph of plain text: text between double backticks becomes code, all else is escaped."""
-    parts = _CODE.split(text)
-    return "".join(literal(" ".join(part.split())) if odd % 2 else escaped(part) for odd, part in enumerate(parts))
+    parts = _CODE.split(" ".join(text.split()))
+    marked = (literal(part) if number % 2 else escaped(part) for number, part in enumerate(parts))
+    return _AT_START.sub(r"\1\\\2", "".join(marked))
 
 
-def fenced(text: str, language: str = "text") -> str:
-    """A block of code."""
+def fenced(text: str, language: str = "text", *, wrapped: bool = False) -> str:
+    """A block of code. With ``wrapped`` long lines are broken on a narrow page, for messages."""
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
-    return f"{fence}{{code-block}} {language}\n{text.rstrip()}\n{fence}\n"
+    options = ":class: wrapped\n\n" if wrapped else ""
+    return f"{fence}{{code-block}} {language}\n{options}{text.rstrip()}\n{fence}\n"
 
 
 def directive(name: str, argument: str = "", body: str = "", **options: str) -> str:
@@ -38,3 +40,8 @@ def directive(name: str, argument: str = "", body: str = "", **options: str) -> 
     fence = ":" * max(3, 1 + max((len(run) for run in re.findall("^:{3,}", body, re.MULTILINE)), default=0))
     lines = [f"{fence}{{{name}}} {argument}".rstrip(), *(f":{key}: {value}".rstrip() for key, value in options.items())]
     return "\n".join([*lines, *(["", body.rstrip(), ""] if body else []), fence]) + "\n"
+
+
+def found_by(*words: str) -> str:
+    """Entries of the index for what follows: a search for one of these words shows it first."""
+    return "".join(directive("index", f"! single: {word}") for word in words)

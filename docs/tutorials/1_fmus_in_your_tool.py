@@ -1,10 +1,10 @@
 r"""Use the FMUs in your own tool
 =============================
 
-You have a tool that imports FMUs: Simulink, Dymola, OpenModelica, OMSimulator, or a program of your own. This tutorial
-takes three FMUs out of the package, looks at them, couples them to a closed loop with some 20 lines of another program (FMPy),
-and shows the figure that tells whether the coupling is right. The loop is a reference position, a fuzzy sliding-mode
-controller and a ballscrew stage with LuGre friction, sampled at 10 kHz.
+You have a tool that imports FMUs: Simulink, Dymola, OpenModelica, OMSimulator, or a program of your own. This
+tutorial takes three FMUs out of the package, looks at them, couples them to a closed loop with another program (some
+20 lines of FMPy), and shows the figure that tells whether the coupling is right. The loop is a reference position, a
+fuzzy sliding-mode controller and a ballscrew stage with LuGre friction, sampled at 10 kHz.
 
 **You need** the wheel of motion-cosim, nothing else. FMPy comes with it; cosim itself is used for the comparison only.
 """
@@ -19,14 +19,18 @@ import tempfile
 from pathlib import Path
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(temporary.name)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(
+    temporary.name
+)  # or Path("my_folder"), if you want to keep the files
 
 
 def run(command):
     """Run a command as in a terminal, and print what it says."""
     print("$", command)
     called = [sys.executable, "-m", *shlex.split(command)]
-    ended = subprocess.run(called, cwd=FOLDER, capture_output=True, check=False, text=True)
+    ended = subprocess.run(
+        called, cwd=FOLDER, capture_output=True, check=False, text=True
+    )
     print(ended.stdout + ended.stderr)
     ended.check_returncode()
 
@@ -61,11 +65,23 @@ print(", ".join(folders))
 import fmpy
 
 stage = fmpy.read_model_description(FOLDER / "fmus/BallscrewStage.fmu")
-shown = ("m", "J_rot", "l_p", "sigma_0", "sigma_1", "sigma_2", "F_C", "F_S", "v_s")
+shown = (
+    "m",
+    "J_rot",
+    "l_p",
+    "sigma_0",
+    "sigma_1",
+    "sigma_2",
+    "F_C",
+    "F_S",
+    "v_s",
+)
 for variable in stage.modelVariables:
     if variable.causality in ("input", "output") or variable.name in shown:
         start = f"{float(variable.start):g}" if variable.start else ""
-        print(f"{variable.causality:9} {variable.name:15} {start:>9} {variable.unit:9} {variable.description}")
+        print(
+            f"{variable.causality:9} {variable.name:15} {start:>9} {variable.unit:9} {variable.description}"
+        )
 
 # %%
 # One FMU alone: does it do what you know?
@@ -91,8 +107,12 @@ def step_response(torque):
     return found["time"], found["position"]
 
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(7.5, 2.9), layout="constrained")
-wind_up = -1e9 * 0.0015923 * 6.24 / 1e5 * np.log(1.0 - 5.0 / 6.24)  # nm: lead for one radian times the angle
+figure, (left, right) = plt.subplots(
+    1, 2, figsize=(7.5, 2.9), layout="constrained"
+)
+wind_up = (
+    -1e9 * 0.0015923 * 6.24 / 1e5 * np.log(1.0 - 5.0 / 6.24)
+)  # nm: lead for one radian times the angle
 time, position = step_response(5.0)
 left.plot(1e3 * time, 1e9 * position, color="#0072B2", label="FMU")
 left.axhline(wind_up, color="#D55E00", linestyle="--", label="closed form")
@@ -103,7 +123,9 @@ assert abs(1e9 * position[-1] - wind_up) < 0.01 * wind_up
 
 time, position = step_response(12.0)
 right.plot(1e3 * time, 1e3 * position, color="#0072B2")
-right.set(title="12 N.m: breaks away", xlabel="Time in ms", ylabel="Position in mm")
+right.set(
+    title="12 N.m: breaks away", xlabel="Time in ms", ylabel="Position in mm"
+)
 print(f"12 N.m: {1e3 * position[-1]:.2f} mm")
 assert position[-1] > 1e-4
 plt.show()
@@ -128,9 +150,15 @@ def load(name, **parameters):
     """An FMU, initialized with its parameters, and the numbers (value references) of its variables."""
     folder = fmpy.extract(FOLDER / f"fmus/{name}.fmu", FOLDER / name)
     description = fmpy.read_model_description(folder)
-    number = {variable.name: variable.valueReference for variable in description.modelVariables}
+    number = {
+        variable.name: variable.valueReference
+        for variable in description.modelVariables
+    }
     fmu = fmpy.instantiate_fmu(folder, description, "CoSimulation")
-    fmu.setReal([number[parameter] for parameter in parameters], list(parameters.values()))
+    fmu.setReal(
+        [number[parameter] for parameter in parameters],
+        list(parameters.values()),
+    )
     fmu.setupExperiment(startTime=0.0)
     fmu.enterInitializationMode()
     fmu.exitInitializationMode()
@@ -149,7 +177,9 @@ def loop(order, steps=10000, h=1e-4, amplitude=0.01):
     plant, p = load("BallscrewStage")
     wanted = [t["position"], t["velocity"], t["acceleration"]]
     measured = [p["position"], p["velocity"]]
-    sampled = [c[f"{name}_ref"] for name in ("position", "velocity", "acceleration")]
+    sampled = [
+        c[f"{name}_ref"] for name in ("position", "velocity", "acceleration")
+    ]
     sampled += [c["position"], c["velocity"]]
     rows = []
     for k in range(steps):
@@ -188,16 +218,23 @@ def rms(run):
     return 1e6 * np.sqrt(np.mean((reference - position)[half:] ** 2))
 
 
-runs = {order: loop(order) for order in ("sequential", "parallel", "reference first")}
+runs = {
+    order: loop(order)
+    for order in ("sequential", "parallel", "reference first")
+}
 for order, signals in runs.items():
     print(f"{order:16} {rms(signals):.4f} um")
 
 # %%
 # ``cosim run`` couples the same FMUs with its own master, in sequential order unless you say otherwise:
-run("cosim run shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01")
+run(
+    "cosim run shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01"
+)
 
 # %%
-run("cosim run shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01 --order parallel")
+run(
+    "cosim run shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01 --order parallel"
+)
 
 # %%
 # The line *Position error, rms from 0.5 s* of the first run is the figure of the FMPy loop in *sequential* order: two
@@ -210,10 +247,17 @@ assert abs(rms(runs["sequential"]) - 0.0391) < 0.0001
 assert abs(rms(runs["parallel"]) - 0.0645) < 0.01 * 0.0645
 assert abs(rms(runs["reference first"]) - 0.69) < 0.005
 
-figure, panels = plt.subplots(3, 1, figsize=(7.5, 5.2), sharex=True, layout="constrained")
+figure, panels = plt.subplots(
+    3, 1, figsize=(7.5, 5.2), sharex=True, layout="constrained"
+)
 for panel, (order, signals) in zip(panels, runs.items(), strict=True):
     seconds = 1e-4 * np.arange(len(signals[0]))
-    panel.plot(seconds[5000:], 1e6 * (signals[0] - signals[1])[5000:], color="#0072B2", linewidth=0.8)
+    panel.plot(
+        seconds[5000:],
+        1e6 * (signals[0] - signals[1])[5000:],
+        color="#0072B2",
+        linewidth=0.8,
+    )
     panel.set(title=f"{order}: rms {rms(signals):.4f} um", ylabel="Error in um")
     panel.grid(color="#DDDDDD")
 panels[-1].set_xlabel("Time in s")
@@ -226,7 +270,9 @@ plt.show()
 # ahead, so its error is that of *sequential* less velocity times 0.1 ms:
 sequential, ahead = runs["sequential"], runs["reference first"]
 shift = 1e-4 * np.gradient(sequential[0], 1e-4)
-explained = 1e6 * np.sqrt(np.mean((sequential[0] - sequential[1] - shift)[5000:] ** 2))
+explained = 1e6 * np.sqrt(
+    np.mean((sequential[0] - sequential[1] - shift)[5000:] ** 2)
+)
 print(f"explained: {explained:.4f} um, measured: {rms(ahead):.4f} um")
 assert abs(explained - rms(ahead)) < 0.002 * explained
 
@@ -243,23 +289,62 @@ def draw(axes, delay):
     """Steps as bars, values as arrows: which command the stage gets in a step."""
     for lane, name in enumerate(("stage", "controller")):
         for k in range(4):
-            axes.barh(lane, 0.9, left=k + 0.05, height=0.34, color=("#56B4E9", "#E69F00")[lane], alpha=0.6)
-            axes.text(k + 0.5, lane, f"step {k}", ha="center", va="center", fontsize=8)
+            axes.barh(
+                lane,
+                0.9,
+                left=k + 0.05,
+                height=0.34,
+                color=("#56B4E9", "#E69F00")[lane],
+                alpha=0.6,
+            )
+            axes.text(
+                k + 0.5, lane, f"step {k}", ha="center", va="center", fontsize=8
+            )
         axes.text(-0.08, lane, name, ha="right", va="center")
     arrow = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.4}
     for k in range(4 - delay):
-        axes.annotate("", (k + 0.02, 0.83), (k + 0.02, 0.17), arrowprops=arrow | {"color": "#0072B2"})
-        begin, end = (k + 0.08, k + 0.08) if delay == 0 else (k + 0.95, k + 1.08)
-        axes.annotate("", (end, 0.17), (begin, 0.83), arrowprops=arrow | {"color": "#D55E00"})
-    axes.text(0.12, 0.5, "position at $t_0$ up,\ncommand down" if delay == 0 else "position at $t_0$ up", fontsize=8)
+        axes.annotate(
+            "",
+            (k + 0.02, 0.83),
+            (k + 0.02, 0.17),
+            arrowprops=arrow | {"color": "#0072B2"},
+        )
+        begin, end = (
+            (k + 0.08, k + 0.08) if delay == 0 else (k + 0.95, k + 1.08)
+        )
+        axes.annotate(
+            "",
+            (end, 0.17),
+            (begin, 0.83),
+            arrowprops=arrow | {"color": "#D55E00"},
+        )
+    axes.text(
+        0.12,
+        0.5,
+        "position at $t_0$ up,\ncommand down"
+        if delay == 0
+        else "position at $t_0$ up",
+        fontsize=8,
+    )
     if delay:
         axes.text(1.2, 0.5, "command that\nbelongs to $t_0$", fontsize=8)
-    axes.set(xlim=(-0.1, 4), ylim=(-0.3, 1.3), yticks=[], xticks=range(5), xticklabels=[f"$t_{k}$" for k in range(5)])
+    axes.set(
+        xlim=(-0.1, 4),
+        ylim=(-0.3, 1.3),
+        yticks=[],
+        xticks=range(5),
+        xticklabels=[f"$t_{k}$" for k in range(5)],
+    )
     axes.spines[["left", "right", "top"]].set_visible(False)
-    axes.set_title("parallel: one sample late" if delay else "sequential: no delay", loc="left")
+    axes.set_title(
+        "parallel: one sample late" if delay else "sequential: no delay",
+        loc="left",
+    )
 
 
-figure, (top, bottom) = plt.subplots(2, 1, figsize=(7.5, 3.9), layout="constrained")
+figure, (top, bottom) = plt.subplots(
+    2, 1, figsize=(7.5, 3.9), layout="constrained"
+)
 draw(top, delay=0)
 draw(bottom, delay=1)
 # sphinx_gallery_end_ignore
@@ -278,8 +363,16 @@ count = 8
 figure, panel = plt.subplots(figsize=(7.5, 2.8), layout="constrained")
 for order, colour in (("sequential", "#0072B2"), ("parallel", "#D55E00")):
     command = runs[order][2][: count + 1]
-    panel.step(0.1 * np.arange(count + 1), command, where="post", color=colour, label=order)
-panel.set(title="The first commands", xlabel="Time in ms", ylabel="Command in N.m")
+    panel.step(
+        0.1 * np.arange(count + 1),
+        command,
+        where="post",
+        color=colour,
+        label=order,
+    )
+panel.set(
+    title="The first commands", xlabel="Time in ms", ylabel="Command in N.m"
+)
 panel.grid(color="#DDDDDD")
 panel.legend()
 print("sequential:", np.round(runs["sequential"][2][:4], 3))
@@ -297,14 +390,19 @@ plt.show()
 #
 # **A parameter that does not arrive.** Without the amplitude the reference keeps its 5 mm, and the number is another
 # one:
-print(f"amplitude ignored, sequential: {rms(loop('sequential', amplitude=0.005)):.4f} um")
+print(
+    f"amplitude ignored, sequential: {rms(loop('sequential', amplitude=0.005)):.4f} um"
+)
 
 # %%
 # **A value outside its range** is refused, with a message that says what is kept. The message reaches you only if the
 # tool has logging switched on; a tool that goes on without a word has hidden it.
 try:
     fmpy.simulate_fmu(
-        str(FOLDER / "fmus/BallscrewStage.fmu"), start_values={"m": -62.4}, stop_time=0.01, debug_logging=True
+        str(FOLDER / "fmus/BallscrewStage.fmu"),
+        start_values={"m": -62.4},
+        stop_time=0.01,
+        debug_logging=True,
     )
 except Exception as error:
     print(type(error).__name__, error)
@@ -314,7 +412,10 @@ else:
 # %%
 # **A value that is legal, but suspicious** is taken, with a warning:
 found = fmpy.simulate_fmu(
-    str(FOLDER / "fmus/BallscrewStage.fmu"), start_values={"F_C": 12.0}, stop_time=0.01, debug_logging=True
+    str(FOLDER / "fmus/BallscrewStage.fmu"),
+    start_values={"F_C": 12.0},
+    stop_time=0.01,
+    debug_logging=True,
 )
 
 # %%
@@ -338,7 +439,9 @@ run("cosim verify fmus")
 #
 # If your tool reads SSP 1.0 (System Structure and Parameterization), do not wire by hand. One command writes the FMUs,
 # the wires and the parameters:
-run("cosim export shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01 -o loop.ssp")
+run(
+    "cosim export shams2010/fsmc_5sin --stop-time 1 --set trajectory.amplitude=0.01 -o loop.ssp"
+)
 with zipfile.ZipFile(FOLDER / "loop.ssp") as archive:
     print(*sorted(archive.namelist()), sep="\n")
 
@@ -355,4 +458,6 @@ run("cosim run loop.ssp")
 #   Dymola, with the number that each should give.
 # * :doc:`/importers` says in which tools all FMUs were run, how far the results differ, and which bugs were met.
 # * :doc:`/fmi3` says what differs in FMI 3.0.
+#
+# The last line deletes the temporary folder.
 temporary.cleanup()

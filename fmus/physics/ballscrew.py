@@ -76,6 +76,12 @@ def drift_rule(drift_amplitude: float, drift_frequency: float) -> Rule:
     )
 
 
+def drift(t: float, amplitude: float, frequency: float) -> float:
+    """Factor on F_C and F_S at the time ``t``: 1 + amplitude*sin(2*pi*frequency*t); ``frequency`` in Hz."""
+    # Without drift the angle is the constant 0, so the compiled equations call no sine.
+    return 1.0 + amplitude * sin(where(amplitude > 0.0, TWO_PI * frequency * t, 0.0))
+
+
 class RigidBallscrew(Plant):
     """Base of the rigid ballscrew plants: motion, level of friction, play and ports; not used itself.
 
@@ -166,7 +172,7 @@ class RigidBallscrew(Plant):
 
     def normal_load(self, t: float) -> float:
         """Factor on F_C and F_S at the time ``t``, from friction_scale and drift."""
-        return self.friction_scale * (1.0 + self.drift_amplitude * sin(TWO_PI * self.drift_frequency * t))
+        return self.friction_scale * drift(t, self.drift_amplitude, self.drift_frequency)
 
     def viscous(self, speed: float) -> float:
         """Coefficient of the viscous friction at ``speed`` [N.m.s/rad]."""

@@ -16,12 +16,11 @@ from cosim.model import (
     minimum,
     parameter,
     round_to,
-    sin,
     tanh,
     variable,
     where,
 )
-from fmus.physics.ballscrew import TWO_PI, contact_rules, drift_rule
+from fmus.physics.ballscrew import contact_rules, drift, drift_rule
 from fmus.physics.lugre import (
     bristle_damping,
     bristle_rate,
@@ -219,14 +218,13 @@ class CompliantBallscrew(Plant):
         )
 
     def _level(self, t: float, speed: float, F_C: float, F_S: float, v_s: float) -> float:
-        drift = 1.0 + self.drift_amplitude * sin(TWO_PI * self.drift_frequency * t)
         level = friction_level(
             speed,
             where(speed < 0.0, F_C * self.F_C_negative, F_C),
             where(speed < 0.0, F_S * self.F_S_negative, F_S),
             v_s,
         )
-        return self.friction_scale * drift * level
+        return self.friction_scale * drift(t, self.drift_amplitude, self.drift_frequency) * level
 
     def _least_level(self, F_C: float, F_S: float) -> float:
         """The smallest friction level of a contact at any time and speed, in the unit of ``F_C``."""

@@ -14,7 +14,7 @@ class LinearMotor(Plant):
 
         current       = k_t*command, limited to force_max/K_a
         motor_force   = K_a*current
-        cutting_force = force of fmus/physics/milling.py in the feed direction, from start_time on
+        cutting_force = force in the feed direction as in MillingForce, from start_time on
         m*der(velocity) = motor_force - b*velocity + cutting_force + disturbance_force
         der(position)   = velocity
 

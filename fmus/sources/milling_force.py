@@ -11,7 +11,14 @@ from fmus.physics.milling import PI, Side, milling_forces
 class MillingForce(Source):
     """Cutting force of a two-flute end mill with run-out, size effect and ploughing, from start_time on.
 
-        force_x, force_y, uncut_thickness = milling_forces(t - start_time)      (fmus/physics/milling.py)
+        h = max(0, n*a + own offset - last offset),   a = feed_per_tooth*sin(phi)
+        f_t = K_t*(h/h_0)**-p_t*w*h,       f_n = K_n*(h/h_0)**-p_n*w*h                          where h >= h_min
+        f_t = K_t*(h_min/h_0)**-p_t*w*h,   f_n = ploughing_factor*K_n*(h_min/h_0)**-p_n*w*h     where h < h_min
+        f_x = -f_t*cos(phi) - f_n*sin(phi),   f_y = f_t*sin(phi) - f_n*cos(phi)
+
+    for each tooth at its angle phi between entry_angle and exit_angle; force_x and force_y are the sums over the two
+    teeth, w is axial_depth. A tooth finds the surface that was left n passages of a tooth before, by the last one that
+    cut there; the offset of tooth 1 is run_out, that of tooth 2 -run_out.
 
     x is the feed direction. The forces are those on the tool, or with ``side`` table the opposite ones on the work.
     Tooth 1 enters at start_time, tooth 2 half a revolution later. Rigid tool and work; the chip is exact at any time

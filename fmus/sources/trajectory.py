@@ -61,7 +61,7 @@ class Trajectory(Source):
 
         step        position = offset + amplitude
         stairs      position = offset + amplitude*n,  n = 1, 2 ... repetitions, one a dwell
-        ramp        position = offset + s,                        s' = feed, over abs(amplitude) (0 = without end)
+        ramp        position = offset + s,                        s' = feed, over abs(amplitude), without end where 0
         sine        position = offset + amplitude*sin(s + phase), s' = 2*pi*frequency, turns periods
         circle      position = offset + radius*cos(s + phase),    s' = feed/radius, turns turns
         quintic, trapezoidal, jerk_limited

@@ -11,6 +11,7 @@ import pytest
 from pydantic import BaseModel
 
 from cosim.design.documents import MapData, SweepData, TuningData
+from cosim.design.plan import make_sweep
 from cosim.design.stability import read_map
 from cosim.errors import DescriptionError
 from cosim.fmu.tables import checked, toml, write_start
@@ -100,3 +101,12 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         "instances": {"a": {"start": {"K": 0.333333, "nct.error": [0.1, 0.2]}}, "b": {"start": {'odd "name"': "x"}}},
     }
     assert tomllib.loads(toml({"x": [1.0, True]})) == {"x": [1.0, True]}
+
+
+def test_a_file_anywhere_may_name_a_system_that_comes_with_cosim(tmp_path: Path) -> None:
+    wanted = "maeda2008/step_1mm"
+    assert (
+        make_sweep({"system": wanted, "parameters": {"plant.m": [1.0]}}, folder=tmp_path).system.name == "step_1mm.toml"
+    )
+    with pytest.raises(DescriptionError, match="maeda2008/step_2mm"):
+        make_sweep({"system": "maeda2008/step_2mm.toml", "parameters": {"plant.m": [1.0]}}, folder=tmp_path)

@@ -92,6 +92,14 @@ def test_a_run_shows_position_error_and_command_in_display_units(figures: list[F
     assert float(np.max(position)) == pytest.approx(5.0, rel=1e-4)
 
 
+def test_a_panel_with_one_line_shows_its_heading_and_the_label_of_the_line(figures: list[Figure]) -> None:
+    time = np.linspace(0.0, 1.0, 11)
+    plots.plot_panels(Path("log.png"), [plots.Panel("Value", "m", (plots.Series("log.csv", time, time),), heading="x")])
+    (axes,) = figures[0].axes
+    assert axes.get_title(loc="left") == "x"
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["log.csv"]
+
+
 def test_a_start_far_beyond_the_later_error_is_cut_off_and_told(figures: list[Figure]) -> None:
     one = one_axis()
     start = np.where(one.time < 0.1, 9e-6, 0.0)

@@ -26,7 +26,9 @@ def add(commands: Any) -> None:
     )
     fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
     fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
-    fit.add_argument("--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and residuals.csv")
+    fit.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and a .csv for each record"
+    )
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
     fit.add_argument("--base", metavar="NAME", help="the file that start.toml completes (default: none)")
     fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")

@@ -16,7 +16,9 @@ class RangeData(Table):
     EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0 }"
 
     low: Annotated[Number, Field(alias="from")]
+    """Lower end, in the unit of the variable."""
     high: Annotated[Number, Field(alias="to")]
+    """Upper end, in the unit of the variable."""
     log: bool = False
     """Equal ratios instead of equal steps."""
 
@@ -39,6 +41,7 @@ class AxisData(RangeData):
     EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0, count = 5 }, or a list of values"
 
     count: Count | None = None
+    """Number of values. A grid and a list need it; latin and sobol take ``count`` of the file."""
 
 
 def _list_or_table(value: object) -> str:
@@ -59,7 +62,9 @@ class MetricData(Table):
     EXAMPLE: ClassVar[str] = '{ of = "rms", signal = "controller.error" }'
 
     of: Text
+    """The figure: max_abs, rms, std, mean, min, max, last, peak_to_peak or total_variation."""
     signal: Text
+    """``INSTANCE.VARIABLE``. It is recorded for the figure."""
 
 
 Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
@@ -74,30 +79,39 @@ class ExperimentData(Table):
     """What is changed of the experiment of the system."""
 
     stop_time: Seconds | None = None
+    """End of the run in s. Default: that of the system."""
     step_size: Seconds | None = None
+    """Communication step in s. Default: that of the system."""
     order: Text | list[Text] | None = None
+    """``"sequential"``, ``"parallel"`` or a list of instances. Default: that of the system."""
 
 
 class RunsData(Table):
     """What files have in common that ask for runs of a system."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
+    """One line about the study; the report shows it."""
     timeout: Positive | None = None
-    """Limit for a run, s."""
+    """Longest time of a run in s of the clock. Default: 20 times the longest run so far, at least 10 s."""
     metrics: Mapping[str, Figure] = {}
+    """Figures of a run by name; ``window`` gives begin and end in s. Default: the tracking figures."""
     experiment: ExperimentData = ExperimentData()
+    """What is changed of the experiment of the system."""
 
 
 class SweepData(RunsData):
     """A sweep file."""
 
     method: Literal["grid", "list", "latin", "sobol"] = "grid"
+    """``grid``: all combinations; ``list``: values side by side; ``latin``, ``sobol``: random designs of ranges."""
     count: Count | None = None
     """Number of runs, for latin and sobol only."""
     seed: int = 1
+    """Seed of latin and sobol."""
     parameters: Annotated[dict[str, Axis], Field(min_length=1)]
+    """``INSTANCE.VARIABLE`` (or the setting of a signal) and its values: a list or a range."""
 
     @model_validator(mode="after")
     def _counts(self) -> SweepData:
@@ -112,12 +126,15 @@ class TuningData(RunsData):
     objective: Text
     """Name of the metric that is minimized."""
     generations: Count = 30
+    """Most generations of the search."""
     population: Count = 15
     """Number of points in a generation for each parameter."""
     seed: Count = 1
+    """Seed of the random numbers."""
     parameters: Annotated[dict[str, RangeData], Field(min_length=1)]
+    """``INSTANCE.VARIABLE`` and the range in which its value is looked for."""
     limits: Mapping[str, Number] = {}
-    """Largest values of metrics."""
+    """Largest value of a metric, in its unit."""
 
 
 Frequencies = Annotated[list[Positive], Field(min_length=1)]
@@ -127,22 +144,26 @@ class CaseData(Table):
     """One object of a map."""
 
     W: Frequencies | None = None
+    """Values of omega_n*T_s for this case. Default: those of the file."""
     alpha: Positive | None = None
+    """Inclination of the NCT for this case, 1/s. Default: that of the file."""
     nct: bool = False
     """Whether the controller gets the NCT of this alpha."""
     first: Positive = 300.0
     """Gain at which the scan begins."""
     overrides: Mapping[str, Any] = {}
+    """Start values of this case, besides those of the file."""
 
 
 class MapData(Table):
     """A map file."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
+    """One line about the map."""
     timeout: Positive | None = None
-    """Limit for a run, s."""
+    """Longest time of a run in s of the clock. Default: none."""
     alpha: Positive
     """Inclination of the NCT in the gain formulas, 1/s."""
     K: Positive
@@ -152,9 +173,11 @@ class MapData(Table):
     pulse: Text | None = None
     """System file of the pulse that identifies the NCT of cases with ``nct = true``."""
     controller: Text | None = None
-    """The instance that gets the NCT; default: that of the study's names."""
+    """The instance that gets the NCT. Default: that of the study's names."""
     overrides: Mapping[str, Any] = {}
+    """Start values of all cases."""
     cases: Annotated[dict[str, CaseData], Field(min_length=1)]
+    """The objects that are compared, by the names that the picture shows."""
 
     @model_validator(mode="after")
     def _pulse_for_nct(self) -> MapData:
@@ -173,8 +196,11 @@ class FreeData(Table):
     EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0 }"
 
     start: Number | None = None
+    """First value of the search."""
     low: Annotated[Number | None, Field(alias="from")] = None
+    """Lower bound."""
     high: Annotated[Number | None, Field(alias="to")] = None
+    """Upper bound."""
     log: bool = False
     """Whether the search uses the logarithm of the value."""
 
@@ -210,19 +236,23 @@ class OutputData(Table):
     EXAMPLE: ClassVar[str] = '{ signal = "plant.position", column = "x" }'
 
     signal: Text
+    """``INSTANCE.VARIABLE`` of the system."""
     column: Text | None = None
+    """Column of the records. Default: the name of the output."""
     unit: Text | None = None
-    """Unit of the column; default: the unit in the record, else the unit of the signal."""
+    """Unit of the column. Default: the unit in the record, else the unit of the signal."""
     factor: Number = 1.0
     """Factor on the column before it is compared."""
     reference: Text | None = None
     """Column that is subtracted for the figures: the reference of a loop gives figures of the tracking error."""
     noise: Positive | None = None
-    """Standard deviation in the unit of the signal."""
+    """Standard deviation of the sensor in the unit of the signal. Default: taken from the records."""
     delay: FixedOrFree = 0.0
-    """Delay of the record in s."""
+    """Delay of the record in s: a number, or a free value."""
     gain: FixedOrFree = 1.0
+    """Gain of the sensor, ``record = gain*signal + bias``: a number, or a free value."""
     bias: FixedOrFree = 0.0
+    """Bias of the sensor in the unit of the signal: a number, or a free value."""
 
 
 class RecordData(Table):
@@ -231,30 +261,47 @@ class RecordData(Table):
     EXAMPLE: ClassVar[str] = '{ file = "stage.csv" }'
 
     file: Text
+    """The record, relative to this file."""
     use: Literal["fit", "validate"] = "fit"
+    """``fit``: the parameters are fitted to it; ``validate``: it is only compared, at the end."""
     time: Text | None = None
+    """Column of time. Default: the column called time or t."""
     sampling_time: Positive | None = None
+    """Sampling time in s of a record without a column of time."""
     signals: list[Text] | None = None
+    """Tables ``[signals]`` of the system that read this record. Default: all of them."""
     window: Window | None = None
+    """Begin and end in s of the samples that are used. Default: all."""
     period: Positive | None = None
+    """Time in s after which the machine repeats itself: its repeatability from lap to lap is then told."""
     start: Mapping[str, Scalar] = {}
+    """Start values by ``INSTANCE.VARIABLE`` in this record only."""
     free: Mapping[str, ParameterData] = {}
+    """Values by ``INSTANCE.VARIABLE`` that are free in this record only."""
 
 
 class FitData(Table):
     """A fit file."""
 
     system: Text
-    """A system file, relative to this file."""
+    """A system file, relative to this file, or the name of a system that comes with cosim."""
     description: str = ""
+    """One line about the fit; the page shows it."""
     timeout: Positive | None = None
-    """Limit for a run, s."""
+    """Longest time of a run in s of the clock. Default: none."""
     loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
+    """``linear`` is least squares; with the others outliers count less."""
     starts: Count = 1
+    """Number of starting points that are tried."""
     seed: int = 1
+    """Seed of the starting points."""
     loops: Count = 200
     """Most runs of a record."""
     parameters: Annotated[dict[str, ParameterData], Field(min_length=1)]
+    """Free start values by ``INSTANCE.VARIABLE``; bounds default to those of the FMU."""
     outputs: Annotated[dict[str, OutputData], Field(min_length=1)]
+    """What is compared, by name."""
     records: Annotated[dict[str, RecordData], Field(min_length=1)]
+    """The records, by name."""
     experiment: ExperimentData = ExperimentData()
+    """What is changed of the experiment of the system. ``stop_time`` defaults to the end of each record."""

@@ -167,7 +167,10 @@ def summary(look: FrictionLook) -> dict[str, Any]:
 
 
 def plot_friction(look: FrictionLook, path: Path, *, title: str = "") -> None:
-    """Draw friction over speed with its spread, and the friction law of each direction."""
+    """Draw friction over speed with its spread, and the friction law of each direction.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     from ..result.plots import COLOURS, save, typeset
 
     def draw(figure: Any) -> None:

@@ -325,7 +325,7 @@ def reduce_nodes(error: Array, rate: Array, count: int = NODES) -> tuple[Array, 
 
 
 def write_nct(nct: Nct, path: Path) -> None:
-    """Write the curve as CSV: error_m, rate_m_per_s."""
+    """Write the curve as CSV with the columns error_m and rate_m_per_s. Raises FileError."""
     rows = "".join(f"{e:.10g},{v:.10g}\n" for e, v in zip(nct.error, nct.rate, strict=True))
     write_file(path, "error_m,rate_m_per_s\n" + rows)
 
@@ -338,7 +338,10 @@ def write_start(
     gains: tuple[float, float] | None = None,
     base: str | None = None,
 ) -> None:
-    """Write a system file that gives ``controller`` the NCT, and both gains if given; it extends the file ``base``."""
+    """Write a system file that gives ``controller`` the NCT, and both gains if given; it extends the file ``base``.
+
+    Raises FileError.
+    """
     names = nctf_names().controller
     instance = controller or names.instance
     error, rate = nct.nodes()
@@ -353,7 +356,7 @@ def write_start(
 
 
 def plot_nct(nct: Nct, path: Path) -> None:
-    """Draw the phase plane with the samples and the nodes of the NCT."""
+    """Draw the phase plane with the samples and the nodes of the NCT. Raises DescriptionError or FileError."""
     from ..result.plots import Series, plot_phase_plane
 
     error, rate = nct.nodes()

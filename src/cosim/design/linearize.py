@@ -361,7 +361,10 @@ def loop_margins(
 def plot_bode(
     path: Path, model: StateSpace, *, input: int = 0, output: int = 0, omega: Array | None = None, title: str = ""
 ) -> None:
-    """Draw magnitude and phase over frequency from one input to one output; ``omega`` in rad/s."""
+    """Draw magnitude and phase over frequency from one input to one output; ``omega`` in rad/s.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     from ..result.plots import save
 
     if omega is None:

@@ -152,7 +152,9 @@ def system_of(data: RunsData, folder: str | Path, fmus: str | Path | None, probl
     Raises DescriptionError with ``problems`` and all problems of the system.
     """
     try:
-        return read_system(Path(folder) / data.system, fmus=fmus, **data.experiment.model_dump(exclude_none=True))
+        return read_system(
+            shipped_file(data.system, folder), fmus=fmus, **data.experiment.model_dump(exclude_none=True)
+        )
     except DescriptionError as error:
         raise DescriptionError([*problems, *error.problems]) from None
 

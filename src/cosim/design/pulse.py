@@ -302,7 +302,7 @@ def monitor(
 
 
 def save(learned: Learned, path: Path) -> None:
-    """Write what was learned as JSON, for ``load``."""
+    """Write what was learned as JSON, for ``load``. Raises FileError."""
     content = {
         "t_c": learned.t_c.tolist(),
         "durations": learned.durations.tolist(),
@@ -342,7 +342,10 @@ def load(path: Path) -> Learned:
 def write_start(
     learned: Mapping[str, Learned], path: Path, *, base: str | None = None, names: AxisNames | None = None
 ) -> None:
-    """Write a system file that gives each pulse instance its tables; ``base`` is the file that it extends."""
+    """Write a system file that gives each pulse instance its tables; ``base`` is the file that it extends.
+
+    Raises FileError.
+    """
     pulse = (names or axis_names()).pulse
     values: dict[str, Any] = {}
     for instance, result in learned.items():
@@ -357,7 +360,10 @@ def write_start(
 
 
 def plot_learned(learned: Mapping[str, Learned], path: Path) -> None:
-    """Draw amplitudes and durations over the acceleration: the values found and the tables."""
+    """Draw amplitudes and durations over the acceleration: the values found and the tables.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     from ..result.plots import Panel, Series, plot_panels
 
     amplitude: list[Series] = []

@@ -440,7 +440,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
     """
     path = shipped_file(path)
     data = read_table(path, MapData)
-    system = read_system(path.parent / data.system, fmus=fmus)
+    system = read_system(shipped_file(data.system, path.parent), fmus=fmus)
     names = nctf_names().controller
     controller = data.controller or names.instance
     cases: list[Case] = []
@@ -455,7 +455,10 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
 
 
 def plot_limit_map(found: LimitMap, path: Path) -> None:
-    """Draw the damping ratios over W, one panel for each case: linear limit, practical limit, limits by simulation."""
+    """Draw the damping ratios over W, one panel for each case: linear limit, practical limit, limits by simulation.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     from ..result.plots import Panel, Series, plot_panels
 
     panels: list[Panel] = []

@@ -132,6 +132,10 @@ _UNARY = {
     "OP_SIGN": "(double)(({0} > 0.0) - ({0} < 0.0))",
     "OP_ASSIGN": "{0}",
 }
+_CALLS = frozenset(
+    getattr(casadi, f"OP_{name}") for name in ("EXP", "LOG", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "TANH")
+)
+"""Operations that call the C library, which takes longer than everything else in a statement."""
 _BINARY = {
     "OP_ADD": "{0} + {1}",
     "OP_SUB": "{0} - {1}",
@@ -213,7 +217,19 @@ def _statements(
 
 
 def _line(name: str, operation: int, arguments: list[str], lines: dict[str, _Line]) -> _Line:
-    """One statement; ``(c ? a : 0) + (!c ? b : 0)``, CasADi's form of a choice, is printed ``c ? a : b``."""
+    """One statement.
+
+    ``(c ? a : 0) + (!c ? b : 0)``, CasADi's form of a choice, is printed ``c ? a : b``; ``c ? (c ? a : 0) : 0`` is
+    printed ``c ? a : 0``. A library function of a choice with a constant is called in the branch of the variable only.
+    """
+    if operation in _CALLS and (choice := _choice(arguments[0], lines)) is not None:
+        sign, chosen = choice
+        call = _FORMATS[operation][0]
+        condition, yes, no = chosen[0], call.format(sign + chosen[1]), call.format(sign + chosen[2])
+        return _Line(name, operation, chosen, False, f"({condition} ? {yes} : {no})")
+    inner = lines.get(arguments[1]) if operation == casadi.OP_IF_ELSE_ZERO else None
+    if inner is not None and inner.operation == operation and inner.arguments[0] == arguments[0]:
+        arguments = inner.arguments
     if operation == casadi.OP_ADD and all(argument in lines for argument in arguments):
         one, other = (lines[argument] for argument in arguments)
         if one.operation == other.operation == casadi.OP_IF_ELSE_ZERO:
@@ -224,6 +240,24 @@ def _line(name: str, operation: int, arguments: list[str], lines: dict[str, _Lin
                     return _Line(name, operation, chosen, False, "({} ? {} : {})".format(*chosen))
     pattern, logical = _FORMATS[operation]
     return _Line(name, operation, arguments, logical, pattern.format(*arguments))
+
+
+def _choice(name: str, lines: dict[str, _Line]) -> tuple[str, list[str]] | None:
+    """Sign, and condition and both values, of a choice between a variable and a constant. None if it is not one."""
+    line = lines.get(name)
+    if line is None:
+        return None
+    if line.operation == casadi.OP_NEG and (choice := _choice(line.arguments[0], lines)) is not None:
+        sign, chosen = choice
+        return ("" if sign else "-"), chosen
+    if line.operation == casadi.OP_IF_ELSE_ZERO:
+        chosen = [*line.arguments, "0.0"]
+    elif line.operation == casadi.OP_ADD and len(line.arguments) == 3:
+        chosen = line.arguments
+    else:
+        return None
+    constants = sum(value[0].isdigit() or value[0] == "(" for value in chosen[1:])
+    return ("", chosen) if constants == 1 else None
 
 
 def _number(value: float) -> str:

@@ -1,6 +1,7 @@
 """documentation/index.html of an FMU: what it computes, with which parameters, from where, and how well.
 
-The page is the template ``page.html.j2``; this module gives it the facts.
+The page is the template ``page.html.j2``; this module gives it the facts. The pages of components in the documentation
+of the project take the same facts.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import cache
 from importlib import import_module
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ..model import Component, Controller, Plant
 from ..units import conversion
@@ -22,6 +23,7 @@ from .assets import EXTRA, GUIDE, ICON, ICONS, PICTURE, asset_files, measured
 from .contract import Fmi
 from .fmi2_xml import summary
 from .interface import InterfaceVariable, variables_of
+from .mathml import STYLE, typeset
 from .source_files import component_origin
 from .trace import Trace
 
@@ -38,35 +40,19 @@ def _template() -> Any:
     environment = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, keep_trailing_newline=True
     )
-    environment.filters["words"] = _words
+    environment.filters.update(words=_words, typeset=_equations)
     return environment.get_template("page.html.j2")
 
 
 def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi = 2) -> bytes:
     """The page: equations and source from the docstring, tables of the variables, and what the validation gave."""
-    kind, variables = trace.kind, variables_of(trace.kind)
-    file, name = Path(inspect.getfile(kind)), kind.__name__
-    facts = measured(file, name)
-
-    def ports(title: str, role: str) -> dict[str, Any]:
-        return _ports(title, [v for v in variables if v.role == role])
-
+    kind = trace.kind
+    drawn = ICON in {path.name for path in asset_files(Path(inspect.getfile(kind)), kind.__name__)}
     page = _template().render(
-        name=name,
+        facts_of(trace),
         version=version,
-        icon=ICONS[fmi] if ICON in {path.name for path in asset_files(file, name)} else None,
-        summary=_words(summary(kind)),
-        text=_text(kind),
-        parameters=_parameters([v for v in variables if v.role in ("fixed", "tunable")]),
-        inputs=ports("Input", "input"),
-        outputs=_outputs(trace, variables),
-        states=ports("State", "state"),
-        counters=ports("Solver counter", "counter"),
-        notes=[(note.name, _words(note.limit_name), _unit(note.unit), _words(note.text)) for note in trace.notes],
-        sampled=issubclass(kind, Controller),
-        integrated=issubclass(kind, Plant),
-        validation=facts,
-        differences=_differences(facts) if facts else [],
+        icon=ICONS[fmi] if drawn else None,
+        style=markup.Markup(STYLE),
         extra=EXTRA,
         guide=GUIDE,
         picture=PICTURE,
@@ -76,27 +62,53 @@ def documentation(trace: Trace, version: str, *, native: bool = True, fmi: Fmi =
     return page.encode()
 
 
+def facts_of(trace: Trace) -> dict[str, Any]:
+    """What the declaration of a component, its docstring and its validation say, for a page.
+
+    Rows of tables are sequences of cells: text, or HTML as ``markupsafe.Markup``.
+    """
+    kind, variables = trace.kind, variables_of(trace.kind)
+    name = kind.__name__
+    validation = measured(Path(inspect.getfile(kind)), name)
+
+    def ports(title: str, role: str) -> dict[str, Any]:
+        return _ports(title, [v for v in variables if v.role == role])
+
+    return {
+        "name": name,
+        "summary": summary(kind),
+        "text": _text(kind),
+        "parameters": _parameters([v for v in variables if v.role in ("fixed", "tunable")]),
+        "inputs": ports("Input", "input"),
+        "outputs": _outputs(trace, variables),
+        "states": ports("State", "state"),
+        "counters": ports("Solver counter", "counter"),
+        "notes": [(note.name, _words(note.limit_name), _unit(note.unit), _words(note.text)) for note in trace.notes],
+        "sampled": issubclass(kind, Controller),
+        "integrated": issubclass(kind, Plant),
+        "validation": validation,
+        "differences": _differences(validation) if validation else [],
+    }
+
+
 # ---- text of the docstring ----
 
 
-def _text(kind: type[Component]) -> list[tuple[str, list[tuple[str, str]]]]:
-    """The parts "equations", "signs and limits" and "source" of the docstring, each with its paragraphs.
-
-    A paragraph is a pair of its HTML element (``pre`` or ``p``) and its text.
-    """
+def _text(kind: type[Component]) -> list[tuple[str, list[tuple[Literal["equations", "words"], str]]]]:
+    """The parts "equations", "signs and limits" and "source" of the docstring, each with its blocks of text."""
     blocks = [b for b in re.split(r"\n\s*\n", inspect.getdoc(kind) or "") if b.strip()][1:]
-    equations: list[tuple[str, str]] = []
-    signs: list[tuple[str, str]] = []
-    sources: list[tuple[str, str]] = []
+    equations: list[tuple[Literal["equations", "words"], str]] = []
+    signs: list[tuple[Literal["equations", "words"], str]] = []
+    sources: list[tuple[Literal["equations", "words"], str]] = []
     for block in blocks:
         if block.startswith("Source:"):
-            sources.append(("p", _words(block.removeprefix("Source:").strip())))
+            sources.append(("words", block.removeprefix("Source:").strip()))
         elif block.startswith("    "):
-            equations.append(("pre", markup.Markup(html.escape(inspect.cleandoc(" " + chr(10) + block)))))
+            equations.append(("equations", block))
         elif block.lower().startswith(SIGNS):
-            signs.append(("p", _words(block)))
+            signs.append(("words", block))
         else:
-            equations.append(("p", _words(block)))
+            equations.append(("words", block))
     return [("Equations", equations), ("Signs and range of validity", signs), ("Source", sources)]
 
 
@@ -104,6 +116,10 @@ def _words(text: str) -> Any:
     """Running text as HTML; text in double backticks becomes code. Quotes stay as they are."""
     escaped = html.escape(" ".join(text.split()), quote=False)
     return markup.Markup(re.sub(r"``(.+?)``", r"<code>\1</code>", escaped))
+
+
+def _equations(block: str) -> Any:
+    return markup.Markup(typeset(block))
 
 
 # ---- variables ----

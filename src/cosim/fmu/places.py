@@ -87,16 +87,17 @@ def study_folders() -> tuple[Path, ...]:
     return (CHECKOUT / "studies", _PACKAGE / "studies")
 
 
-def shipped_file(path: str | Path) -> Path:
-    """``path`` if it exists, else the file of this name that comes with cosim. Returns ``path`` if there is neither.
+def shipped_file(path: str | Path, folder: str | Path = ".") -> Path:
+    """``path`` in ``folder``, or the file of this name that comes with cosim if the former does not exist.
 
     Names start at the folder ``studies``: ``shams2010/fsmc_5sin`` or ``studies/shams2010/fsmc_5sin.toml``.
     """
     path = Path(path)
+    wanted = Path(folder) / path
     name = path.relative_to("studies") if path.is_relative_to("studies") else path
-    places = () if path.exists() or path.is_absolute() else study_folders()
+    places = () if wanted.exists() or path.is_absolute() else study_folders()
     candidates = (place / f"{name.as_posix()}{ending}" for place in places for ending in ("", ".toml"))
-    return next(filter(Path.is_file, candidates), path)
+    return next(filter(Path.is_file, candidates), wanted)
 
 
 def shipped_systems() -> dict[str, Path]:

@@ -24,7 +24,9 @@ Model = TypeVar("Model", bound=BaseModel)
 class Table(BaseModel):
     """A table of a file. A key without a field is reported as a problem."""
 
-    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True
+    )
     EXAMPLE: ClassVar[str] = ""
     """An example of such a table, shown when something is missing."""
 
@@ -47,8 +49,8 @@ def _seconds(value: object) -> Any:
 
 
 Text = Annotated[str, Field(min_length=1)]
-Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
-Positive = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False, gt=0.0)]
+Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(_number)]
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0), BeforeValidator(_number)]
 Count = Annotated[int, Field(ge=1)]
 Scalar = Annotated[Any, BeforeValidator(_scalar), WithJsonSchema({"type": ["boolean", "number", "string"]})]
 """A start value: a number, a text, true or false."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import platform
 from collections.abc import Mapping
 from functools import cache
@@ -13,7 +12,39 @@ from ..fmu.variables import Variable
 from ..record.description import Column
 from ..system.parts import Connection
 from ..system.system import System
+from ..version import VERSION
 from .instance import fmpy
+
+METADATA: Mapping[str, str] = {
+    "system": "Name of the system file, or of the FMU that ran alone.",
+    "description": "The system's description.",
+    "system_digest": "SHA-256 of all that determines the result: system, FMUs and records.",
+    "start_time": "Start of the run in s.",
+    "stop_time": "End of the run in s, as the system asked for it.",
+    "step_size": "Communication step in s.",
+    "order": '"sequential", "parallel" or the list of instances that the system gives.',
+    "evaluation_order": "The instances in the order in which they stepped.",
+    "tolerance": "Relative tolerance that the FMUs got; null without.",
+    "decimation": "Every n-th communication point is in the result.",
+    "connections": "The connections as text.",
+    "wires": "The connections as tables: from, to, units of both ends, factor, noise.",
+    "transformations": "Connection -> [factor, offset], for those that change values.",
+    "fmus": "Instance -> its FMU: name, SHA-256, version of FMI, version, description.",
+    "signals": "Record that fed the run -> its file and SHA-256.",
+    "start_values": "Start values that differ from those of the FMU, with these and the unit.",
+    "notes": "What was legal but suspicious before the run.",
+    "versions": "Versions of Python, of the platform, of FMPy and of this package.",
+    "steps": "Number of communication steps that were done.",
+    "warnings": "Number of warnings of the FMUs.",
+    "total_seconds": "Computing time of the whole run in s.",
+    "stepping_seconds": "Computing time of the steps in s.",
+    "partial": "true if the run ended early: it holds what was computed until then.",
+    "solver": "Instance -> what its integrator counted.",
+    "messages": "What the FMUs logged: time in s, instance, status, category, text.",
+    "dropped_messages": "Number of messages beyond those that are kept.",
+    "columns": "Name, unit, description, display unit, factor and offset of every column.",
+}
+"""Entry of the metadata in the file of a run -> its meaning."""
 
 
 def result_columns(system: System) -> tuple[Column, ...]:
@@ -91,9 +122,5 @@ def _column(name: str, variable: Variable) -> Column:
 
 @cache
 def _versions() -> Mapping[str, str]:
-    from importlib.metadata import PackageNotFoundError, version  # slow to import, so only on demand
-
-    found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
-    with contextlib.suppress(PackageNotFoundError):
-        found["motion-cosim"] = version("motion-cosim")
-    return MappingProxyType(found)
+    own = {"python": platform.python_version(), "platform": platform.platform(), "motion-cosim": VERSION}
+    return MappingProxyType({**own, "fmpy": str(fmpy.__version__)})

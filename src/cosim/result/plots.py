@@ -222,10 +222,11 @@ def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
     axes.margins(x=0.0)
     if panel.heading:
         axes.set_title(panel.heading, loc="left")
-    if len(panel.series) > 1:
+    label = panel.series[0].label if panel.series else ""
+    if len(panel.series) > 1 or (panel.heading and label):
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=min(len(panel.series), 4), borderaxespad=0.0)
-    elif panel.series and panel.series[0].label:
-        axes.set_title(panel.series[0].label)
+    elif label:
+        axes.set_title(label)
 
 
 def plot_panels(
@@ -239,7 +240,7 @@ def plot_panels(
 ) -> None:
     """Write a picture of panels below each other (row by row if there are several ``columns``), over a common x axis.
 
-    A panel with one line has the line's label as its title; a panel with several lines has a legend. ``x_unit`` is an
+    A panel with one line and no heading has the line's label as its title; other panels have a legend. ``x_unit`` is an
     SI unit. Raises DescriptionError without panels or for an unknown ending, FileError if the file cannot be written.
     """
     if not panels:
@@ -341,7 +342,10 @@ def signal_panels(result: Recorded, names: Sequence[str], most: int | None = Non
 
 
 def plot_errors(path: Path, errors: Mapping[str, tuple[Array, Array]], *, title: str = "", unit: str = "m") -> None:
-    """Draw the errors of several runs, label -> (time in s, error), in one panel each over the same time axis."""
+    """Draw the errors of several runs, label -> (time in s, error), in one panel each over the same time axis.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     panels = [
         Panel("Error", unit, (Series(label, time, error, i),))
         for i, (label, (time, error)) in enumerate(errors.items())
@@ -357,7 +361,10 @@ def plot_phase_plane(
     y: tuple[str, str] = ("Error rate", "m/s"),
     title: str = "",
 ) -> None:
-    """Draw trajectories of ``y`` over ``x``, which are (name, SI unit). A dot marks the end of each line."""
+    """Draw trajectories of ``y`` over ``x``, which are (name, SI unit). A dot marks the end of each line.
+
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
+    """
     x_unit, x_factor = display_unit(x[1], largest([line.x for line in series]))
     y_unit, y_factor = display_unit(y[1], largest([line.y for line in series]))
 
@@ -408,6 +415,7 @@ def plot_polar(path: Path, plots: Sequence[Polar], *, title: str = "") -> None:
     """Draw polar error plots side by side. A point is at radius + magnification*deviation in its commanded direction.
 
     The heavy circle is the commanded path. The rings are labelled with their deviation.
+    Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -47,7 +47,7 @@ Factor = Annotated[float, Field(gt=0.0)]
 
 
 class _Data(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 class RuleData(_Data):
@@ -60,14 +60,19 @@ class RuleData(_Data):
     share_of_effect: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """Largest distance from the published value, as a share of the effect: the published value minus ``without``."""
     at_most: float | None = None
+    """Largest value, in the unit of the claim."""
     at_least: float | None = None
+    """Smallest value, in the unit of the claim."""
     between: tuple[float, float] | None = None
+    """Smallest and largest value, in the unit of the claim."""
     falling: bool = False
+    """Whether each value must be smaller than the one before it."""
     published: Literal["at least", "at most", "same order"] | None = None
     """Required relation of the measured values to the published ones."""
     rule: str = ""
     """Name of a rule of the study."""
     why: str = ""
+    """Reason of the thresholds. Must be given here or in the table of claims."""
 
     @model_validator(mode="after")
     def _has_a_condition(self) -> RuleData:
@@ -80,42 +85,59 @@ class ReadingData(_Data):
     """A claim measured in another setting; the report shows the result but does not count it."""
 
     setting: Text
+    """The other setting, in words."""
     values: dict[str, str] = {}
+    """Values in this setting, as in a claim."""
     measure: str = ""
+    """Name of a function of the study, as in a claim."""
 
 
 class ClaimData(_Data):
     """One claim."""
 
     id: Text
+    """Short name, such as M1; the report uses it."""
     text: Text
+    """What is claimed, in words."""
     published: str | float | dict[str, float]
+    """The published value, or values by label; a text if no number was published."""
     unit: str | dict[str, str] = "1"
+    """Unit of the values, or units by label; ``1`` has none."""
     factor: float | None = None
     """Factor on values in SI units, for a unit that ``FACTORS`` does not have."""
     magnitude: bool = False
     """Whether magnitudes are compared instead of values with signs."""
     values: dict[str, str] = {}
+    """For each label, a sum or product of ``run:figure`` terms; the label of a single value is empty."""
     measure: str = ""
+    """Name of a function of the study, in place of values."""
     setting: str = ""
+    """Setting of the runs, in words."""
     note: str = ""
+    """What a reader must know to judge the value."""
     without: float | dict[str, float] | None = None
     """The values to expect without the effect that is tested, by label; labels without a known effect are left out."""
     verdicts: dict[Status, RuleData] = {}
+    """For each status, the rule that earns it; the first that holds decides."""
     readings: list[ReadingData] = []
+    """The same claim measured in other settings."""
 
 
 class TableData(_Data):
     """Claims of one kind under one heading."""
 
     title: Text
+    """Heading of the table."""
     kind: Kind
+    """``paper``: a publication says so; ``check``: another simulation gave it; ``finding``: measured, not judged."""
     text: str = ""
+    """Text above the table."""
     setting: str = ""
     """Setting of the claims that do not give their own."""
     why: str = ""
     """Reason of the thresholds that do not give their own."""
     claims: list[ClaimData]
+    """The claims."""
 
 
 class SpreadData(_Data):
@@ -124,7 +146,9 @@ class SpreadData(_Data):
     runs: list[str]
     """Names of runs; ``*`` stands for any characters, ``?`` for one."""
     parameters: Annotated[list[str], Field(min_length=1)]
+    """``INSTANCE.VARIABLE``: each is changed in a copy of its own."""
     relative: Factor = RELATIVE
+    """Relative change of each parameter."""
     tolerance: dict[str, Factor] = {}
     """Tolerance parameter of the integrator -> factor on its value, for the copy with another tolerance."""
 
@@ -133,10 +157,15 @@ class ClaimsData(_Data):
     """A file of claims."""
 
     title: Text
+    """Title of the report."""
     source: Text
+    """The paper: authors, title, journal, year."""
     text: Text
+    """What the study is about, in Markdown."""
     spread: list[SpreadData] = []
+    """Runs that are repeated with slightly changed values."""
     tables: list[TableData]
+    """The tables of claims."""
 
 
 def read_claims(path: Path) -> ClaimsData:

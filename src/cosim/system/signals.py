@@ -39,7 +39,9 @@ class SmoothingData(Table):
     EXAMPLE: ClassVar[str] = 'smoothing = { window = 0.01, polynomial = 3 }, or smoothing = "none"'
 
     window: Positive
+    """Length of the window in s."""
     polynomial: Literal[1, 2, 3, 4, 5, 6, 7] = 3
+    """Degree of the polynomial. It must be at least the order of the derivative."""
 
 
 class ColumnData(Table):
@@ -48,11 +50,17 @@ class ColumnData(Table):
     EXAMPLE: ClassVar[str] = '{ column = "current", factor = 2.1, offset = 0.0, unit = "N" }'
 
     column: Text
+    """Name of the column in the file, without its unit."""
     factor: Number | None = None
+    """Factor on the column, which then has the unit ``unit``. Default: the conversion from the unit in the file."""
     offset: Number = 0.0
+    """Number that is added after the factor, in ``unit``."""
     unit: Text | None = None
+    """Unit of the signal. Default: the unit in the file."""
     derivatives: Literal[0, 1, 2] = 0
+    """Highest derivative that is offered, as ``der(NAME)`` and ``der(NAME,2)``."""
     smoothing: SmoothingData | None = None
+    """How derivatives are smoothed."""
 
 
 class SignalData(Table):
@@ -61,19 +69,28 @@ class SignalData(Table):
     EXAMPLE: ClassVar[str] = 'file = "stage.csv"'
 
     file: Text
+    """The record (.csv, .tsv, .txt, .dat, .parquet, .mat), relative to this file."""
     time: Text | None = None
+    """Name of the column of time. Default: the column called time or t."""
     time_unit: Text | None = None
+    """Unit of the column of time, such as ``ms``. Default: the unit in the file, else s."""
     sampling_time: Seconds | None = None
+    """Sampling time in s of a record without a column of time, such as ``1e-3`` or ``"1/8000"``."""
     start_time: Number | None = None
+    """Time of the record in s at which the run begins. Default: the times of the record are those of the run."""
     columns: Mapping[str, ColumnData] | None = None
+    """Signals of this source, by name."""
     interpolation: Literal["hold", "linear"] = "hold"
+    """Value between two samples: that of the last sample, or on the line between both."""
     extend: Literal["hold", "repeat", "stop"] = "hold"
+    """Beyond the ends of the record: its end values hold, it repeats, or the run stops with it."""
 
 
 class SignalsData(Table):
     """The part of a system file that this module reads."""
 
     signals: Mapping[str, SignalData]
+    """Records that feed inputs, by name."""
 
 
 def read_signals(
