@@ -239,8 +239,8 @@ def _studies(users: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _proofs(name: str) -> Iterator[str]:
     """The importers in which the FMU gave the trace of ``cosim run``, by itself and in systems."""
+    # by importer and version the largest difference of each form; an importer may have several rows of a form
     runs: dict[tuple[str, str], dict[str, float]] = {}
-    """By importer and version the largest difference of each form; an importer may have several rows of a form."""
     for row in json.loads(IMPORTERS.read_text(encoding="utf-8")):
         held = row["components"].get(name)
         if held and held["ran"] == held["jobs"] and not held["problems"] and held["difference"] is not None:
