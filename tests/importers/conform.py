@@ -250,7 +250,7 @@ class Conformance:
         fmus: str,
         tolerance: float = TOLERANCE,
     ) -> Outcome:
-        """Run one importer, or say why not; ``fmus`` is the kind of FMUs: native, python, fmi3 or reference."""
+        """Run one importer, or say why not; ``fmus`` is the kind of FMUs, see ``Outcome``."""
         outcome = Outcome(importer.name, what, importer.sees, fmus)
         environment: dict[str, str] = {}
         if importer.program and not self.programs.get(importer.program):
@@ -311,16 +311,16 @@ class Conformance:
             what = f"{flavour} FMUs, systems: {what}"
             found.append(self.one(importer, cases, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour))
             if importer.function == "fmucontainer":
-                found.append(self.containers(cases, what, flavour))
+                found.append(self.containers(cases, what))
             if importer.multiples:
                 multiples = [multiple_case(name, ROOT / "studies", folder, place, steps) for name in MULTIPLES]
                 what = f"{flavour} FMUs, systems with step multiples: {'; '.join(c.job['name'] for c in multiples)}"
                 found.append(self.one(importer, multiples, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour))
         return found
 
-    def containers(self, cases: Sequence[Case], what: str, flavour: str) -> Outcome:
+    def containers(self, cases: Sequence[Case], what: str) -> Outcome:
         """The containers that the FMU manipulation toolbox made, each as one FMU in ``cosim run``."""
-        outcome = Outcome("cosim run, these containers as FMUs", what, AFTER, flavour)
+        outcome = Outcome("cosim run, these containers as FMUs", what, AFTER, "container")
         for case in cases:
             job = case.job
             document = {

@@ -42,7 +42,7 @@ class Outcome:
     what: str
     sees: str = ""
     fmus: str = ""
-    """Which FMUs the jobs have: native, python, fmi3 or reference."""
+    """Which FMUs the jobs have: native, python or fmi3; reference or container for FMUs that are no components."""
     version: str = ""
     missing: str = ""
     """Why it was not run at all."""
@@ -179,7 +179,7 @@ def data(sections: Iterable[Section]) -> str:
         }
         for title, _, found in sections
         for o in found
-        if o.fmus != "reference"
+        if o.fmus in ("native", "python", "fmi3")
     ]
     return "[\n" + ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows) + "\n]\n"
 

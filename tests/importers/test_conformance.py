@@ -124,7 +124,7 @@ def test_systems_run_in_a_container_as_in_cosim(systems: list[Case], tmp_path: P
     suite = Conformance({"importers": sys.executable}, {}, tmp_path)
     for outcome in (
         suite.one(importer, list(studies.values()), "systems", fmus="native"),
-        suite.containers(list(studies.values()), "systems", "native"),
+        suite.containers(list(studies.values()), "systems"),
     ):
         assert outcome.problems == []
         assert outcome.traces == len(studies) >= 3
