@@ -243,11 +243,13 @@ def _studies(users: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _proofs(name: str) -> Iterator[str]:
     """The importers in which the FMU gave the trace of ``cosim run``, by itself and in systems."""
+    # by importer and version the largest difference of each form; an importer may have several rows of a form
     runs: dict[tuple[str, str], dict[str, float]] = {}
     for row in json.loads(IMPORTERS.read_text(encoding="utf-8")):
         held = row["components"].get(name)
         if held and held["ran"] == held["jobs"] and not held["problems"] and held["difference"] is not None:
-            runs.setdefault((row["importer"], row["version"]), {})[_form(row)] = held["difference"]
+            found, form = runs.setdefault((row["importer"], row["version"]), {}), _form(row)
+            found[form] = max(found.get(form, 0.0), held["difference"])
     yield from ("## Importers", "")
     if not runs:
         yield "Not yet run in other importers."
