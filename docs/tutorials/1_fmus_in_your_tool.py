@@ -19,9 +19,7 @@ import tempfile
 from pathlib import Path
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(
-    temporary.name
-)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(temporary.name)  # Path("my_folder") keeps the files
 
 
 def run(command):
@@ -62,26 +60,22 @@ print(", ".join(folders))
 # * **All values are in SI units at the border**: m, rad, N, N.m, V, s. The unit stands at each variable. A tool that
 #   converts display units shows mm, but ``getReal`` and ``setReal`` are in m.
 # * A range is a promise: the FMU refuses values outside.
+import textwrap
+
 import fmpy
 
 stage = fmpy.read_model_description(FOLDER / "fmus/BallscrewStage.fmu")
-shown = (
-    "m",
-    "J_rot",
-    "l_p",
-    "sigma_0",
-    "sigma_1",
-    "sigma_2",
-    "F_C",
-    "F_S",
-    "v_s",
-)
-for variable in stage.modelVariables:
-    if variable.causality in ("input", "output") or variable.name in shown:
+shown = ("m", "J_rot", "l_p", "F_C", "F_S", "sigma_0", "sigma_1", "sigma_2")
+for kind in ("input", "output", "parameter"):
+    print(f"{kind}s")
+    for variable in stage.modelVariables:
+        if variable.causality != kind:
+            continue
+        if kind == "parameter" and variable.name not in shown:
+            continue
         start = f"{float(variable.start):g}" if variable.start else ""
-        print(
-            f"{variable.causality:9} {variable.name:15} {start:>9} {variable.unit:9} {variable.description}"
-        )
+        text = textwrap.shorten(variable.description, 44, placeholder=" ...")
+        print(f"  {variable.name:15} {start:>9} {variable.unit:9} {text}")
 
 # %%
 # One FMU alone: does it do what you know?

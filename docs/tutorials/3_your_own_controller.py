@@ -20,9 +20,7 @@ import tempfile
 from pathlib import Path
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(
-    temporary.name
-)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(temporary.name)  # Path("my_folder") keeps the files
 
 
 def run(command):
@@ -204,6 +202,9 @@ class PolePid(Controller):
 # One command traces the equations, writes C, compiles it, and makes the FMU. What cannot be translated is told with its
 # line and what to write in its place.
 run("cosim build pole_pid.py -o fmus")
+
+# %%
+# Any tool, and ``cosim info``, sees it now as it sees every FMU:
 run("cosim info fmus/PolePid.fmu")
 
 # %%
