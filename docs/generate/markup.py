@@ -28,10 +28,11 @@ def markdown(text: str) -> str:
     return _AT_START.sub(r"\1\\\2", "".join(marked))
 
 
-def fenced(text: str, language: str = "text") -> str:
-    """A block of code."""
+def fenced(text: str, language: str = "text", *, wrapped: bool = False) -> str:
+    """A block of code. With ``wrapped`` long lines are broken on a narrow page, for messages."""
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
-    return f"{fence}{{code-block}} {language}\n{text.rstrip()}\n{fence}\n"
+    options = ":class: wrapped\n\n" if wrapped else ""
+    return f"{fence}{{code-block}} {language}\n{options}{text.rstrip()}\n{fence}\n"
 
 
 def directive(name: str, argument: str = "", body: str = "", **options: str) -> str:

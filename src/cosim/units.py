@@ -87,6 +87,33 @@ def _base(factor: float = 1.0, offset: float = 0.0, **exponents: int) -> Unit:
 _PER_SECOND = _base(s=-1)
 
 
+_WORDS = {
+    word: symbol
+    for symbol, words in {
+        "m": "metre metres meter meters",
+        "mm": "millimetre millimetres millimeter millimeters",
+        "um": "micron microns micrometre micrometres micrometer micrometers",
+        "s": "sec second seconds",
+        "min": "minute minutes",
+        "h": "hour hours",
+        "kg": "kilogram kilograms",
+        "N": "newton newtons",
+        "A": "amp amps ampere amperes",
+        "V": "volt volts",
+        "W": "watt watts",
+        "Pa": "pascal pascals",
+        "K": "kelvin",
+        "degC": "celsius",
+        "deg": "degree degrees",
+        "rad": "radian radians",
+        "rev": "turn turns revolution revolutions",
+        "Hz": "hertz",
+        "Ohm": "ohms",
+        "1": "none dimensionless",
+    }.items()
+    for word in words.split()
+}
+"""Word -> the symbol that is meant, for the hint of a message."""
 _SYMBOLS: dict[str, Unit] = {
     "1": _base(),
     "kg": _base(kg=1),
@@ -164,7 +191,9 @@ def parse_unit(text: str) -> Unit:
         elif token in _SYMBOLS:
             unit = _SYMBOLS[token]
         else:
-            raise DescriptionError(f"unit '{text}': unknown symbol '{token}'.{suggest(token, _SYMBOLS)}")
+            word = _WORDS.get(token.lower())
+            hint = f" Did you mean '{word}'?" if word else suggest(token, _SYMBOLS)
+            raise DescriptionError(f"unit '{text}': unknown symbol '{token}'.{hint}")
         at += 1
         if at < len(tokens) and re.fullmatch(r"-?\d+(\.\d+)?", tokens[at]):
             unit = unit.power(Fraction(tokens[at]))

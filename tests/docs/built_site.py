@@ -29,6 +29,7 @@ SHOWN = (
     "reference/index.html",
     "reference/formats/system.html",
     "explanations/index.html",
+    "explanations/integrator.html",
     "physics.html",
     "search.html",
 )

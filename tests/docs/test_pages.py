@@ -19,7 +19,10 @@ ELSEWHERE = {
     r"source .venv/bin/activate": ".ci/venv",
 }
 """Lines of a terminal, and the file that runs such lines."""
-NOT_RUN = {r"make (wheel|release)( .*)?": "minutes of compiling for five platforms; run before a release"}
+NOT_RUN = {
+    r"make (wheel|release)( .*)?": "minutes of compiling for five platforms; run before a release",
+    r"make bench|python benchmarks/\w+.py": "minutes, and what they measure depends on the machine",
+}
 """Lines that nothing runs, and why."""
 TESTED = {"docs/results.md": "tests/result/test_results_page.py"}
 """Pages whose Python is run as a whole, and the test that does it."""

@@ -228,3 +228,11 @@ def test_definitions_come_before_the_table() -> None:
 )
 def test_units_are_shown_by_their_meaning(text: str, shown: str) -> None:
     assert str(parse_unit(text)) == shown
+
+
+@pytest.mark.parametrize(
+    ("word", "unit"), [("micron", "um"), ("Metres/s", "m"), ("N.seconds", "s"), ("degrees", "deg")]
+)
+def test_a_word_for_a_unit_is_answered_with_its_symbol(word: str, unit: str) -> None:
+    with pytest.raises(DescriptionError, match=f"Did you mean '{unit}'"):
+        parse_unit(word)

@@ -99,7 +99,8 @@ def build_all(options: argparse.Namespace, workspace: Workspace, default: Path, 
     errors: list[CosimError] = []
     for flavour in flavours:
         errors += _build(workspace, names, base / flavour if apart else base, platforms[flavour], flavour)
-    _tell_drafts(workspace, names)
+    if not errors:
+        _tell_drafts(workspace, names)
     if any(isinstance(error, BuildError | FileError) for error in errors):
         return 1
     return 2 if errors else 0

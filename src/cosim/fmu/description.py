@@ -291,7 +291,12 @@ def _no_binary(folders: list[str], identifier: str, extension: str, names: list[
             f"the binary for this platform is {' or '.join(others)}, but by the modelIdentifier it must be called "
             f"{identifier}{extension}. Rename one of them, or export the FMU again."
         )
-    have = ", ".join(_platforms(names)) or "none"
+    have = ", ".join(_platforms(names))
+    if not have:
+        return (
+            f"no binary for this platform ({folders[0]}), nor for another. Ask for an FMU with binaries, or build it "
+            "from its sources."
+        )
     return (
         f"no binary for this platform ({folders[0]}); the FMU has: {have}. "
         "Build it for this platform, or run it on one of those."

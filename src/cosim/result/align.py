@@ -85,7 +85,7 @@ def pair(a: Side, b: Side, signals: Mapping[str, str] | Sequence[str] | None) ->
         if not names:
             raise DescriptionError(
                 f"no signal of {a.label} ({_listed(a)}) has the name of one of {b.label} ({_listed(b)}): "
-                "say which belong together, as NAME=OTHER."
+                "say which belong together, as NAME=OTHER, with --signals or signals = {NAME: OTHER}."
             )
     else:
         names = list(signals.items()) if isinstance(signals, Mapping) else [(name, name) for name in signals]
