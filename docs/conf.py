@@ -5,14 +5,14 @@ without a server, and treat warnings as errors. The theme Furo has a light and a
 elsewhere.
 """
 
-from importlib.metadata import version as installed_version
 from typing import Any
 
+from cosim.version import VERSION
 from docs.gallery import tidy
 
 project = "motion-cosim"
 author = copyright = "the motion-cosim authors, MIT licence"
-version = release = installed_version("motion-cosim")
+version = release = VERSION
 
 extensions = [
     "myst_parser",
@@ -21,12 +21,13 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "docs.access",
     "docs.docstrings",
+    "docs.equations",
     "docs.keys",
     "docs.latex",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["examples", "schemas", "tutorials"]
+exclude_patterns = ["components/systems", "examples", "schemas", "tutorials"]
 suppress_warnings = [
     "config.cache",  # functions in the configuration below
     "sphinx_gallery.space_in_filename",  # a checkout may lie in any folder; the names of the pages have no blanks
