@@ -166,7 +166,7 @@ def main() -> None:
             "The fuzzy sliding-mode loop of Shams and Safdari, 10 s at 10 kHz, three columns recorded, against a C "
             "program without FMI that calls the same equations and the same integrator. Processor time, medians of "
             f"{REPEATS} turns.",
-            ("", "Times the C program", "Times real time"),
+            ("What runs", "Times the C program", "Times real time"),
             rows,
         ),
     )

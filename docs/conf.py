@@ -21,12 +21,13 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "docs.access",
     "docs.docstrings",
+    "docs.equations",
     "docs.keys",
     "docs.latex",
     "docs.shell",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["examples", "schemas", "tutorials"]
+exclude_patterns = ["components/systems", "examples", "schemas", "tutorials"]
 suppress_warnings = [
     "config.cache",  # functions in the configuration below
     "sphinx_gallery.space_in_filename",  # a checkout may lie in any folder; the names of the pages have no blanks

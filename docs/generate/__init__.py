@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from . import api, commands, errors, explanations, formats
+from docs import equations
+
+from . import api, commands, components, contract, errors, explanations, formats
 
 GENERATORS: list[Callable[[Path], None]] = [
     commands.write,
     formats.write,
     api.write,
+    components.write,
+    equations.write,
     errors.write,
+    contract.write,
     explanations.write,
 ]
 """Each writes its pages into the copy of docs that Sphinx reads."""

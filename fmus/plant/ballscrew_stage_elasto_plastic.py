@@ -18,9 +18,9 @@ class BallscrewStageElastoPlastic(BristleBallscrew):
         alpha = 0 where bristle and speed oppose each other or abs(bristle) <= z_ba
                 (1 - cos(pi*w))/2 between,  w = (abs(bristle) - z_ba)/(level/sigma_0 - z_ba)
                 1 where abs(bristle) >= level/sigma_0
-        z_ba  = elastic_share*friction_scale*(1 + drift_amplitude*sin(2*pi*drift_frequency*t))*min(C, S)/sigma_0
-        level = friction_scale*(1 + drift_amplitude*sin(2*pi*drift_frequency*t))
-                *(C + (S - C)*exp(-(speed/v_s)^2))
+        z_ba  = elastic_share*load*min(C, S)/sigma_0
+        level = load*(C + (S - C)*exp(-(speed/v_s)^2))
+        load  = friction_scale*(1 + drift_amplitude*sin(2*pi*drift_frequency*t))
 
     C, S, S_2, drive, play and rounding are those of BallscrewStage.
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from conftest import WORKSPACE
-from hypothesis import assume, example, given
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from cosim.export.mathml import inline, pieces, statements, typeset
@@ -302,6 +302,7 @@ def assert_page_means(html: str, expression: str) -> None:
     assert Page(rows[marks[0] + 1 :] if marks else rows).whole() == expected, html
 
 
+@settings(deadline=None)
 @given(expressions())
 @example("-a^2")
 @example("a^-x^2")
@@ -334,6 +335,7 @@ def test_formulas_on_a_page_mean_what_their_source_means(expression: str) -> Non
     assert_page_means(html, expression)
 
 
+@settings(deadline=None)
 @given(expressions(depth=3), st.sampled_from(["+", "-", "*", "/"]), expressions(depth=3))
 @example("a", "*", "(x + speed)")
 @example("a + x", "*", "speed")
@@ -362,6 +364,7 @@ def test_comparisons_conditions_and_sums_are_written_in_order() -> None:
         ("y = K*(a + b)", "<mi>K</mi><mo>⋅</mo><mrow>"),
         ("y = K(a + b)", "<mi>K</mi><mo>\u2061</mo><mrow>"),
         ("y = 2*pi*t", "<mn>2</mn><mo>\u2062</mo><mi>π</mi>"),
+        ("y = a-b", "<mi>a</mi><mo>\u2212</mo><mi>b</mi>"),
         ("y = torque ripple - a", "<mi>torque ripple</mi><mo>\N{MINUS SIGN}</mo>"),
         ("y = x limited to -a ... a", "</math> limited to <math"),
         ("y = x limited to +-a", "<mo form=\"prefix\">±</mo><mi>a</mi>"),
@@ -406,6 +409,12 @@ def test_gaps_part_a_condition_from_its_equation() -> None:
         "y = a + b)",
         "y = a +",
         "y = speed-velocity",
+        "y = 2-3",
+        "y = 3-phase",
+        "input/output",
+        "a*(b + c)(d)",
+        "(a + b)(c + d)",
+        "F in N/m",
         "y = 2x",
         "y = 1_000",
         "y = x.real",
@@ -430,6 +439,12 @@ def test_what_could_mean_two_things_stays_text(line: str) -> None:
     assert "<math" not in inline(line)
 
 
+def test_words_with_hyphens_are_text_beside_formulas() -> None:
+    assert leaves(parsed(inline("x-y table"))) == "x-y table"
+    assert leaves(parsed(inline("P-PI: y = x"))) == "P-PI: y=x"
+    assert leaves(parsed(inline("y = r, stick-slip where x > 0"))) == "y=r, stick-slip where x>0"
+
+
 def test_a_line_that_cannot_be_read_leaves_the_others_typeset() -> None:
     html = typeset("    y = a*b\n      table \\ of  what\n    z = 1/b")
     assert [math.get("alttext") for math in parsed(html).iter("math")] == ["y = a*b", "z = 1/b"]
@@ -441,6 +456,7 @@ TOKENS += ["2.5", "1e-3", "+", "-", "*", "/", "^", "**", "=", "<=", "...", "+-",
 TOKENS += [" ", "  ", "    ", "\n    ", "\n        ", "&", "<", ">", '"', "\\", "abs(", "x[k+1]", "jerk-limited"]
 
 
+@settings(deadline=None)
 @given(st.one_of(st.text(), st.lists(st.sampled_from(TOKENS), max_size=30).map("".join)))
 @example("    y = a\n\n    z = b")
 @example("    y = 0 where a\n        1 where b")

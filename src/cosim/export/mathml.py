@@ -6,8 +6,8 @@ range. A name of several words (torque ripple) is an operand. Text may stand bes
 (``rolling: y = x``), after a comma or two spaces, or from a word such as ``where`` or ``limited to`` on. A line goes on
 in the next one if that begins with an operator; lines aligned with the right side of an equation are its cases.
 
-What cannot be read for sure stays, line by line, the preformatted text that it is. In particular ``a -b``, ``a b`` and
-``f (x)`` are not read: they could mean two things.
+What cannot be read for sure stays, line by line, the preformatted text that it is. In particular ``a -b``, ``a b``,
+``f (x)``, ``x-y`` or ``m/s`` without an operator before it, and ``3-phase`` are not read: they could mean two things.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Literal
 
-from .formula import DEPTH, NUMBER, PLAIN_WORD, TEXT_WORDS, Token, UnreadableError, element, formula, is_word
+from .formula import DEPTH, GREEK, NUMBER, PLAIN_WORD, TEXT_WORDS, Token, UnreadableError, element, formula, is_word
 
 STYLE = """\
 .equations{overflow-x:auto;padding:.5rem 1rem;border-left:4px solid #d55e00}
@@ -37,7 +37,7 @@ math.equation{font-size:1.12em;font-family:"Cambria Math","STIX Two Math","STIX 
 _TOKEN = re.compile(
     r"(?P<gap>\s+)"
     rf"|(?P<number>{NUMBER}(?![\w.]))"
-    r"|(?P<hyphenated>(?:[A-Za-z]{3,}-[A-Za-z]+|[A-Za-z]+-[A-Za-z]{3,})(?:-[A-Za-z]+)*(?![\w(\[]))"
+    r"|(?P<hyphenated>[A-Za-z]+(?:-[A-Za-z]+)+(?![\w(\[']))"
     r"|(?P<name>[A-Za-z]\w*'{0,3}(?!['\w]))"
     r"|(?P<operator>\.\.\.|\*\*|<=|>=|!=|==|\+-|[-+*/^=<>()\[\],;:])",
     re.ASCII,
@@ -257,10 +257,21 @@ class _LineReader:
             if match is None:
                 raise UnreadableError
             kind = str(match.lastgroup)
+            if kind == "hyphenated" and self.is_difference(match):
+                match = re.compile("[A-Za-z]+").match(line, place)
+                assert match is not None
+                kind = "name"
             if kind != "gap":
                 self.tokens.append(Token(kind, match.group(), match.start(), match.end()))
             place = match.end()
         self.closing = self._brackets()
+
+    def is_difference(self, match: re.Match[str]) -> bool:
+        """Whether names with hyphens between them are quantities: letters after an operator."""
+        parts = match.group().split("-")
+        return all(len(part) == 1 or part in GREEK for part in parts) and bool(
+            self.tokens and self.tokens[-1].kind == "operator" and self.tokens[-1].text not in {")", "]", ":", ";"}
+        )
 
     def _brackets(self) -> dict[int, int]:
         """Index of each opening bracket -> index of the closing one."""
@@ -293,6 +304,8 @@ class _LineReader:
                 found.append(self.piece("math", n, end))
                 n = end
             elif self.tokens[n].text == "(":
+                if n and self.space(n) == 0 and self.tokens[n - 1].text not in _OPENING:
+                    raise UnreadableError  # "(a)(b)"
                 inner = self.pieces(n + 1, self.closing[n])
                 if found and found[-1].kind == "math" and self.space(n) < 2 and any(p.kind == "math" for p in inner):
                     raise UnreadableError  # "f (x)"
@@ -341,7 +354,15 @@ class _LineReader:
             end, connected = operand, True
         if not connected and self.plain(n, end):
             return None
+        self.check_slashes(self.tokens[n:end])
         return end
+
+    @staticmethod
+    def check_slashes(tokens: Sequence[Token]) -> None:
+        """Refuse words with slashes between them, which may be units or alternatives: N/m, input/output."""
+        words = all(token.kind == "name" and token.text.isalpha() for token in tokens[::2])
+        if len(tokens) > 1 and words and {token.text for token in tokens[1::2]} == {"/"}:
+            raise UnreadableError
 
     def plain(self, n: int, end: int) -> bool:
         """Whether the operand is but words, or the article "a" among words."""
@@ -359,6 +380,10 @@ class _LineReader:
             if self.space(n) >= 2:
                 return None
             raise UnreadableError  # "a -b"
+        before, after = self.tokens[n - 1], self.tokens[n + 1]
+        doubtful = after.kind in ("number", "hyphenated") or is_word(after)
+        if self.tokens[n].text == "-" and attached and before.kind == "number" and doubtful:
+            raise UnreadableError  # "2-3", "3-phase"
         return n + 1
 
     def operand(self, n: int, stop: int) -> int | None:
