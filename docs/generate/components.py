@@ -262,7 +262,7 @@ def _proofs(name: str) -> Iterator[str]:
         (
             escaped(importer),
             escaped(version),
-            ", ".join(found),
+            "; ".join(found),
             f"{max(found.values()):.1e}" if any(found.values()) else "0",
         )
         for (importer, version), found in runs.items()
