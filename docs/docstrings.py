@@ -11,9 +11,10 @@ import ast
 import re
 import textwrap
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sphinx.application import Sphinx
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 _CODE = re.compile(r"``(.+?)``")
 _ENTRY = re.compile(r"``\w+``(, ``\w+``)*:")
