@@ -37,6 +37,7 @@ from packaging.utils import canonicalize_name
 from cosim.fmu.archive import write_zip
 
 ROOT = Path(__file__).resolve().parents[1]
+VERSION_FILE = "src/cosim/version.py"
 EXTRAS = ("build", "parquet", "plots", "report", "tools")
 """The extras for users. The others serve the work on the project."""
 SYSTEMS: Sequence[Mapping[str, str]] = (
@@ -61,7 +62,7 @@ The C libraries of Linux (glibc) and macOS (libSystem) themselves are loaded whe
 
 @dataclass(frozen=True)
 class Version:
-    """The version in pyproject.toml, and its section in the changelog."""
+    """The version of the package, and the date of its section in the changelog."""
 
     number: str
     date: datetime
@@ -83,6 +84,14 @@ def project(root: Path) -> dict[str, Any]:
     return tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
+def version_of(root: Path) -> str:
+    """The version in ``src/cosim/version.py``. Raises ValueError if there is none."""
+    found = re.search(r'^VERSION = "(.+)"$', (root / VERSION_FILE).read_text(encoding="utf-8"), flags=re.MULTILINE)
+    if found is None:
+        raise ValueError(f'{VERSION_FILE} has no line VERSION = "...".')
+    return found[1]
+
+
 def normalized(lines: Iterable[str]) -> dict[str, str]:
     """Normalised name -> version, of lines ``name==version``."""
     pairs = (line.strip().split("==") for line in lines if "==" in line)
@@ -91,7 +100,7 @@ def normalized(lines: Iterable[str]) -> dict[str, str]:
 
 def changelog_version(root: Path) -> Version:
     """The version to be released. Raises ValueError with all reasons why it may not be."""
-    number = project(root)["version"]
+    number = version_of(root)
     text = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     sections = dict(re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", text, flags=re.MULTILINE | re.DOTALL))
     wanted = f"[{number}] - YYYY-MM-DD"
@@ -99,7 +108,7 @@ def changelog_version(root: Path) -> Version:
     date = datetime(1, 1, 1, tzinfo=UTC)
     heading = next((heading for heading in sections if heading.startswith(f"[{number}]")), None)
     if heading is None:
-        problems.append(f"CHANGELOG.md has no section of version {number} of pyproject.toml: write '## {wanted}'.")
+        problems.append(f"CHANGELOG.md has no section of version {number} of {VERSION_FILE}: write '## {wanted}'.")
     else:
         try:
             date = datetime.strptime(heading, f"[{number}] - %Y-%m-%d").replace(tzinfo=UTC)
@@ -111,7 +120,7 @@ def changelog_version(root: Path) -> Version:
         problems.append(f"CHANGELOG.md: move the entries of [Unreleased] into '## {wanted}'.")
     cited = re.search(r"^version: (.+)$", (root / "CITATION.cff").read_text(encoding="utf-8"), flags=re.MULTILINE)
     if cited is None or cited[1] != number:
-        problems.append(f"CITATION.cff has version {cited[1] if cited else 'none'}, pyproject.toml {number}.")
+        problems.append(f"CITATION.cff has version {cited[1] if cited else 'none'}, {VERSION_FILE} {number}.")
     if problems:
         raise ValueError("\n".join(problems))
     return Version(number, date)

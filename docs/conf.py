@@ -5,14 +5,14 @@ without a server, and treat warnings as errors. The theme Furo has a light and a
 elsewhere.
 """
 
-from importlib.metadata import version as installed_version
 from typing import Any
 
+from cosim.version import VERSION
 from docs.gallery import tidy
 
 project = "motion-cosim"
 author = copyright = "the motion-cosim authors, MIT licence"
-version = release = installed_version("motion-cosim")
+version = release = VERSION
 
 extensions = [
     "myst_parser",

@@ -18,6 +18,8 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
+import cosim.version
+
 CHANGELOG = "# Changelog\n\n## [Unreleased]\n{unreleased}\n## [0.1.0] - {date}\n{entries}"
 
 
@@ -42,6 +44,8 @@ def tree(tmp_path: Path) -> Path:
     root.mkdir()
     for name in ("pyproject.toml", "CITATION.cff", "constraints.txt"):
         shutil.copy(ROOT / name, root)
+    (root / "src" / "cosim").mkdir(parents=True)
+    shutil.copy(ROOT / release.VERSION_FILE, root / release.VERSION_FILE)
     write_changelog(root)
     (root / "build" / "dist").mkdir(parents=True)
     (root / "build" / "dist" / "motion_cosim-0.1.0-py3-none-any.whl").write_bytes(b"wheel")
@@ -59,7 +63,7 @@ def write_changelog(root: Path, date: str = "2026-11-26", unreleased: str = "", 
 
 
 def test_this_version_has_a_section_of_the_changelog() -> None:
-    assert release.changelog_version(ROOT).number == release.project(ROOT)["version"]
+    assert release.changelog_version(ROOT).number == VERSION.number == cosim.version.VERSION
 
 
 @pytest.mark.parametrize(
@@ -80,8 +84,7 @@ def test_a_changelog_that_is_not_ready_is_refused(tree: Path, changes: dict[str,
 
 
 def test_another_version_needs_a_section_and_a_citation(tree: Path) -> None:
-    text = (tree / "pyproject.toml").read_text(encoding="utf-8")
-    (tree / "pyproject.toml").write_text(text.replace('version = "0.1.0"', 'version = "0.2.0"'), encoding="utf-8")
+    (tree / release.VERSION_FILE).write_text('VERSION = "0.2.0"\n', encoding="utf-8")
     with pytest.raises(ValueError, match=r"no section of version 0.2.0 .*\n.*CITATION.cff has version 0.1.0"):
         release.changelog_version(tree)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from docs import equations
 
-from . import api, commands, components, errors, explanations, formats
+from . import api, commands, components, contract, errors, explanations, formats
 
 GENERATORS: list[Callable[[Path], None]] = [
     commands.write,
@@ -16,6 +16,7 @@ GENERATORS: list[Callable[[Path], None]] = [
     components.write,
     equations.write,
     errors.write,
+    contract.write,
     explanations.write,
 ]
 """Each writes its pages into the copy of docs that Sphinx reads."""

@@ -110,6 +110,7 @@ def test_an_order_decides_who_is_late_in_a_loop(tmp_path: Path, order: list[str]
     assert system.evaluation_order == tuple(order)
     (note,) = system.notes
     assert note.startswith(f"connection {late}: one step of delay: ")
+    assert "its file does not say on which inputs its output depends" in note
     assert np.isfinite(simulate(system).rows).all()
 
 

@@ -532,6 +532,7 @@ def test_dependencies_that_are_not_given_are_all_inputs(folder: Path, read: Read
     write_fmu(folder / "build/fmus/native/Plant.fmu", plant)
     (problem,) = problems()
     assert "algebraic loop" in problem
+    assert read_fmu(folder / "build/fmus/native/Plant.fmu").unstated == {"position"}
 
 
 def test_all_problems_come_at_once(problems: Problems) -> None:

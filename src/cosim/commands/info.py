@@ -68,7 +68,8 @@ def _run(options: argparse.Namespace) -> int:
         print_note(f"note: cannot run here: {obstacle}")
     console.print("Outputs and the inputs they depend on directly:")
     for output in fmu.outputs:
-        console.print(f"  {escape(output)}: {escape(', '.join(fmu.dependencies[output]) or 'none')}")
+        assumed = " (the file does not say: all count)" if output in fmu.unstated and fmu.inputs else ""
+        console.print(f"  {escape(output)}: {escape(', '.join(fmu.dependencies[output]) or 'none')}{assumed}")
     return 0
 
 

@@ -357,6 +357,9 @@ def _finish(
         return code
     console = standard_output()
     console.print(_table(result, figures))
+    # not in the table: its columns would be as wide as a time that differs each time
+    seconds = result.metadata["stepping_seconds"]
+    console.print(f"Time of the steps: {seconds:.3g} s, {_real_time_factor(result):.3g} times real time")
     if compared is not None:
         show_comparison(compared)
     for file in files.values() if well else ():
@@ -386,13 +389,11 @@ def _real_time_factor(result: Result) -> float:
 
 
 def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
-    """The table of a run: its length, its computing time and its figures of merit."""
+    """The table of a run: its length and its figures of merit."""
     facts = result.metadata
     table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
     table.add_row("Simulated", f"{facts['steps'] * facts['step_size']:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
-    factor = _real_time_factor(result)
-    table.add_row("Time of the steps", f"{facts['stepping_seconds']:.3g}", f"s, {factor:.3g} times real time")
     for instance, counts in result.solver.items():
         if "rhs_evaluations" in counts and facts["steps"]:
             per_step = counts["rhs_evaluations"] / facts["steps"]

@@ -380,14 +380,9 @@ class _Reader:
 
     def _check_excitation(self, record: FitRecord, outputs: Sequence[Output]) -> None:
         """Report columns that do not vary: such a record tells nothing about the values."""
-        moving = [
-            output
-            for output in outputs
-            if float(np.std(record.values[output.name][record.part])) > STILL * output.noise
-            and float(np.ptp(record.values[output.name][record.part])) > 0.0
-        ]
-        if not moving:
-            said = ", ".join(_still(output, record.values[output.name][record.part]) for output in outputs)
+        found = [(output, record.values[output.name][record.part]) for output in outputs]
+        if all(float(np.std(values)) <= STILL * output.noise or np.ptp(values) == 0.0 for output, values in found):
+            said = ", ".join(_still(output, values) for output, values in found)
             self._problem(
                 f"records.{record.name}", f"a record without excitation: {said}. Take one in which the machine moves."
             )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..fmu.archive import write_zip
 from ..model import Component
+from ..version import VERSION
 from .assets import assets
 from .compile import COMMON_SOURCES, RUNTIME, SOURCES, TARGETS, TUPLES, BuildError, compile_binary, host_platform
 from .contract import Fmi, header
@@ -29,13 +30,12 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     from .page import documentation
     from .trace import trace
 
-    version = importlib.metadata.version("motion-cosim")
     traced = trace(kind)
 
     def described(guid: str) -> bytes:
         if fmi == 3:
-            return model_description3(traced, guid, version)
-        return model_description(traced, guid, version, sources=SOURCES)
+            return model_description3(traced, guid, VERSION)
+        return model_description(traced, guid, VERSION, sources=SOURCES)
 
     names = sorted((*COMMON_SOURCES, f"fmi{fmi}.c", f"fmi{fmi}.h"))
     runtime = {name: (RUNTIME / name).read_bytes() for name in names} | {"contract.h": header(fmi).encode()}
@@ -43,7 +43,7 @@ def build(kind: type[Component], output: Path, cache: Path, platforms: Sequence[
     sources = {"model.c": model_c(traced, guid, fmi).encode(), **runtime}
     files = {
         "modelDescription.xml": described(guid),
-        "documentation/index.html": documentation(traced, version, fmi=fmi),
+        "documentation/index.html": documentation(traced, VERSION, fmi=fmi),
         **_common(kind, fmi),
         "sources/buildDescription.xml": build_description(kind, SOURCES),
         **{f"sources/{name}": content for name, content in sources.items()},
@@ -64,9 +64,8 @@ def build_python(kind: type[Component], output: Path, cache: Path, platforms: Se
     from .page import documentation
     from .trace import trace
 
-    version = importlib.metadata.version("motion-cosim")
     traced = trace(kind)
-    blank = model_description(traced, "", version, sources=(), native=False)
+    blank = model_description(traced, "", VERSION, sources=(), native=False)
     embedded = resources(kind)
     proxy = {path.name: path.read_bytes() for path in (PROXY, RUNTIME / "fmi2.h", RUNTIME / "log.h")}
     proxy["contract.h"] = header(2).encode()
@@ -75,8 +74,8 @@ def build_python(kind: type[Component], output: Path, cache: Path, platforms: Se
     parts = (blank, *(path.encode() + b"\0" + embedded[path] for path in sorted(embedded)), *proxy.values())
     guid = _guid(*parts)
     files = {
-        "modelDescription.xml": model_description(traced, guid, version, sources=(), native=False),
-        "documentation/index.html": documentation(traced, version, native=False),
+        "modelDescription.xml": model_description(traced, guid, VERSION, sources=(), native=False),
+        "documentation/index.html": documentation(traced, VERSION, native=False),
         "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
         "documentation/externalDependencies.txt": external_dependencies(kind).encode(),
         **_common(kind, 2),

@@ -70,6 +70,8 @@ class Fmu:
     variables: Mapping[str, Variable]
     dependencies: Mapping[str, tuple[str, ...]]
     """The inputs on which each output depends directly (feedthrough)."""
+    unstated: frozenset[str]
+    """The outputs for which the file does not state dependencies. They count as depending on all inputs."""
     arrays: Mapping[str, Array]
     """Arrays by name: ``a`` for the variables ``a[1]``, ``a[2]`` ..."""
     base_units: Mapping[str, Unit]
@@ -213,6 +215,7 @@ def _describe(  # noqa: PLR0917
     if library is None and not obstacles:
         obstacles = [_no_binary(folders, identifier, extension, names)]
     units = {unit.name: unit for unit in model.unitDefinitions}
+    dependencies, unstated = read_dependencies(model, variables)
     times = {name: _time(model.defaultExperiment, name, findings) for name in TIMES}
     return Fmu(
         path=path,
@@ -225,7 +228,8 @@ def _describe(  # noqa: PLR0917
         tool=str(model.generationTool or ""),
         digest=digest,
         variables=MappingProxyType(variables),
-        dependencies=MappingProxyType(read_dependencies(model, variables)),
+        dependencies=MappingProxyType(dependencies),
+        unstated=unstated,
         arrays=MappingProxyType(_arrays(variables)),
         base_units=MappingProxyType({n: _base_unit(u.baseUnit) for n, u in units.items() if u.baseUnit is not None}),
         log_categories=tuple(str(category.name) for category in model.logCategories),

@@ -106,8 +106,13 @@ def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:
     return found
 
 
-def read_dependencies(model: Any, variables: Mapping[str, Variable]) -> dict[str, tuple[str, ...]]:
-    """The inputs on which each output depends directly. If the file does not say, these are all inputs."""
+def read_dependencies(
+    model: Any, variables: Mapping[str, Variable]
+) -> tuple[dict[str, tuple[str, ...]], frozenset[str]]:
+    """The inputs on which each output depends directly, and the outputs for which the file does not say.
+
+    These count as depending on all inputs.
+    """
     inputs = tuple(v.name for v in variables.values() if v.causality == "input")
     version = int(model.fmiMajorVersion)
 
@@ -122,9 +127,9 @@ def read_dependencies(model: Any, variables: Mapping[str, Variable]) -> dict[str
             stated[key(unknown.variable)] = tuple(
                 name for name in inputs if (variables[name].passed_as, variables[name].reference) in needed
             )
-    return {
-        name: stated.get((v.passed_as, v.reference), inputs) for name, v in variables.items() if v.causality == "output"
-    }
+    outputs = {name: (v.passed_as, v.reference) for name, v in variables.items() if v.causality == "output"}
+    unstated = frozenset(name for name, reference in outputs.items() if reference not in stated)
+    return {name: stated.get(reference, inputs) for name, reference in outputs.items()}, unstated
 
 
 _TYPES: dict[str, Type] = {

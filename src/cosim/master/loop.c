@@ -17,7 +17,7 @@
 #define RARE static __attribute__((noinline))
 #define LIKELY(condition) __builtin_expect(condition, 1)
 
-enum { SET_REAL, STEP_GET_REAL, NOTHING, EXCHANGE, ADD, TABLE, GUARD };
+enum { CALL_REAL, STEP_GET_REAL, NOTHING, EXCHANGE, ADD, TABLE, GUARD };
 enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN8, BOOLEAN32 };
 enum { POINT, ROWS, WARNINGS, CALLING, REASON, STATUS, FAILED_LINK, FAILED_SLOT, LAST_TIME };
 enum { DONE, CALL_FAILED, NOT_FINITE, OUT_OF_RANGE, TERMINATED, RETURNED_EARLY };
@@ -173,7 +173,7 @@ EXPORT int advance(const Row *rows, int64_t size, int64_t split, const Link *lin
     double time = start + (double)due * step;
     for (bool going = due < end || due == last; going;) {
         for (; row != stop; row++) {
-            if (LIKELY(row->act == SET_REAL)) {
+            if (LIKELY(row->act == CALL_REAL)) {
                 if (!carry(row, links, values, state, check, false)) return 0;
             } else if (LIKELY(row->act == STEP_GET_REAL)) {
                 state[CALLING] = row->step_call;

@@ -57,14 +57,14 @@ PROGRAM_COLUMNS = 17
 ``state[CALLING]`` is ``STEP_CALL`` during the call of ``STEP``, and ``CALL`` during the call of ``FUNCTION``.
 """
 
-SET_REAL, STEP_GET_REAL, NOTHING, EXCHANGE, ADD, TABLE, GUARD = range(7)
+CALL_REAL, STEP_GET_REAL, NOTHING, EXCHANGE, ADD, TABLE, GUARD = range(7)
 """The last action of a row.
 
 ``EXCHANGE`` calls ``FUNCTION``, which sets (``SET`` is 1) or gets (``SET`` is 0) ``COUNT`` values of ``TYPE`` in
 ``BUFFER``, for ``REFERENCE_COUNT`` value references at ``REFERENCES``. Values of other types than double are converted
 from or to the slots from ``SLOT`` on. A double is rounded to an integer; a double other than 0 becomes true.
-``SET_REAL`` and ``STEP_GET_REAL`` are the two most frequent kinds of ``EXCHANGE``, with a fast path in the loop;
-``array`` selects them.
+``CALL_REAL`` (without a step) and ``STEP_GET_REAL`` are the two most frequent kinds of ``EXCHANGE``: doubles, FMI 2.0.
+They have a fast path in the loop; ``array`` selects them.
 ``ADD``: the connections of this row add to their targets instead of setting them.
 ``TABLE`` copies ``COUNT`` values from a table of doubles at ``BUFFER`` to the slots from ``SLOT`` on. The table has one
 row of ``COUNT`` values for each point; its first row is for the point at which ``advance`` begins.
@@ -241,8 +241,8 @@ def _act(row: Row) -> int:
     """The act of a row. An ``EXCHANGE`` that fits one of the fast paths gets the act of this path."""
     act = row.get(ACT, NOTHING)
     if act == EXCHANGE and row[FMI] == 2 and row[TYPE] == FLOAT64:
-        if row[SET] and not row.get(STEP):
-            return SET_REAL
-        if not row[SET] and not row.get(LINKS) and row.get(STEP) and row[MULTIPLE] == 1:
+        if not row.get(STEP):
+            return CALL_REAL
+        if not row[SET] and not row.get(LINKS) and row[MULTIPLE] == 1:
             return STEP_GET_REAL
     return act

@@ -50,7 +50,7 @@ class _Row:
         self.set, self.type, self.fmi = bool(columns[loop.SET]), columns[loop.TYPE], columns[loop.FMI]
         self.step: Any = STEPS[self.fmi](columns[loop.STEP]) if columns[loop.STEP] else None
         self.function: Any = None
-        if self.act in (loop.EXCHANGE, loop.SET_REAL, loop.STEP_GET_REAL):
+        if self.act in (loop.EXCHANGE, loop.CALL_REAL, loop.STEP_GET_REAL):
             self.function = EXCHANGES[self.fmi](columns[loop.FUNCTION])
             self.arguments = columns[loop.REFERENCES], columns[loop.REFERENCE_COUNT], columns[loop.BUFFER]
             self.buffer = (loop.TYPES[self.type][1] * self.count).from_address(columns[loop.BUFFER])

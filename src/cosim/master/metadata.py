@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import platform
 from collections.abc import Mapping
 from functools import cache
@@ -13,6 +12,7 @@ from ..fmu.variables import Variable
 from ..record.description import Column
 from ..system.parts import Connection
 from ..system.system import System
+from ..version import VERSION
 from .instance import fmpy
 
 METADATA: Mapping[str, str] = {
@@ -122,9 +122,5 @@ def _column(name: str, variable: Variable) -> Column:
 
 @cache
 def _versions() -> Mapping[str, str]:
-    from importlib.metadata import PackageNotFoundError, version  # slow to import, so only on demand
-
-    found = {"python": platform.python_version(), "platform": platform.platform(), "fmpy": str(fmpy.__version__)}
-    with contextlib.suppress(PackageNotFoundError):
-        found["motion-cosim"] = version("motion-cosim")
-    return MappingProxyType(found)
+    own = {"python": platform.python_version(), "platform": platform.platform(), "motion-cosim": VERSION}
+    return MappingProxyType({**own, "fmpy": str(fmpy.__version__)})

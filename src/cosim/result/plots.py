@@ -222,11 +222,11 @@ def _draw_panel(axes: Axes, panel: Panel, x_unit: str) -> None:
     axes.margins(x=0.0)
     if panel.heading:
         axes.set_title(panel.heading, loc="left")
-    labelled = bool(panel.series) and bool(panel.series[0].label)
-    if len(panel.series) > 1 or (panel.heading and labelled):
+    label = panel.series[0].label if panel.series else ""
+    if len(panel.series) > 1 or (panel.heading and label):
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=min(len(panel.series), 4), borderaxespad=0.0)
-    elif labelled:
-        axes.set_title(panel.series[0].label)
+    elif label:
+        axes.set_title(label)
 
 
 def plot_panels(

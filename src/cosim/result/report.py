@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from markupsafe import Markup
 from ..errors import DescriptionError
 from ..extras import require
 from ..files import check_writable, write_file
+from ..version import VERSION
 from .metrics import Array
 from .plots import COLOURS, Panel, display_unit, envelope, largest, typeset
 
@@ -142,15 +142,11 @@ def _render(title: str, subtitle: str, sections: Sequence[Section], charts: Sequ
             for part in section.parts
         ]
         blocks.append({"title": section.title, "anchor": f"section-{i + 1}", "parts": parts})
-    try:
-        maker = f"cosim {version('motion-cosim')}"
-    except PackageNotFoundError:
-        maker = "cosim"
     return templates.get_template("report.html").render(
         title=title,
         subtitle=subtitle,
         sections=blocks,
-        maker=maker,
+        maker=f"cosim {VERSION}",
         # These scripts come from here and from plotly. Text of a user enters scripts only as JSON.
         plotly=Markup(script.replace("</script", "<\\/script")),
         code=Markup(templates.loader.get_source(templates, "report.js")[0] if templates.loader else ""),

@@ -7,7 +7,6 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
 from ..files import write_file
+from ..version import VERSION
 from .rules import Numbers
 from .study import COPY, STATUSES, Claim, Kind, Missing, Outcome, Outcomes, Status, Study, Verdict
 
@@ -251,13 +251,6 @@ def _run_rows(outcome: Outcome) -> list[dict[str, Any]]:
     return rows
 
 
-def _version() -> str:
-    try:
-        return f", version {version('motion-cosim')}"
-    except PackageNotFoundError:
-        return ""
-
-
 def _chapters(study: Study, outcomes: Outcomes, markdown: MarkdownIt) -> list[dict[str, Any]]:
     chapters: list[dict[str, Any]] = []
     for title, write in study.chapters.items():
@@ -325,7 +318,7 @@ def write_report(folder: Path, name: str, study: Study, outcomes: Outcomes, verd
         "runs": runs,
         "copies": copies,
         "run_heads": RUN_HEADS,
-        "version": _version(),
+        "version": f", version {VERSION}",
     }
     page = folder / "report.html"
     for file in (folder / "report.md", page):

@@ -80,7 +80,7 @@ def evaluation_order(
     connected = sources(connections)
     outputs = feedthrough(instances, connected)
     if isinstance(order, tuple):
-        _late(connections, outputs, order, findings)
+        _late(instances, connections, outputs, order, findings)
         return order
     loop = find_loop(instances, connected)
     if not loop:
@@ -96,6 +96,7 @@ def evaluation_order(
 
 
 def _late(
+    instances: Mapping[str, Instance],
     connections: Sequence[Connection],
     outputs: Mapping[tuple[str, str], tuple[tuple[str, str], ...]],
     order: Sequence[str],
@@ -109,6 +110,13 @@ def _late(
         where = f"connection {connection}"
         if source[0] == target[0]:
             findings.note(where, f"one step of delay: {source[0]} feeds itself, and its output depends directly on it.")
+        elif source[1] in instances[source[0]].fmu.unstated:
+            findings.note(
+                where,
+                f"one step of delay: {source[0]} comes after {target[0]} in the order, and its file does not say on "
+                f"which inputs its output depends, so all count. Put {source[0]} before {target[0]}. If you know that "
+                "the output depends directly on none, there is no delay.",
+            )
         else:
             findings.note(
                 where,
