@@ -1,8 +1,8 @@
 """The documentation as a site: python -m docs.build [--quick]. make docs calls it.
 
 Copies this folder to build/site/source, adds the pages that docs/generate writes from the code, and runs Sphinx, which
-runs the tutorials. --quick leaves these and the commands on pages out. The site is build/site/html; it needs no server
-and no network.
+runs the tutorials. --quick leaves these and the commands on pages out. The site is build/site/html; it needs
+no server and no network.
 """
 
 from __future__ import annotations
