@@ -104,9 +104,8 @@ def step_response(torque):
 figure, (left, right) = plt.subplots(
     1, 2, figsize=(7.5, 2.9), layout="constrained"
 )
-wind_up = (
-    -1e9 * 0.0015923 * 6.24 / 1e5 * np.log(1.0 - 5.0 / 6.24)
-)  # nm: lead for one radian times the angle
+# lead for one radian times the angle, in nm
+wind_up = -1e9 * 0.0015923 * 6.24 / 1e5 * np.log(1.0 - 5.0 / 6.24)
 time, position = step_response(5.0)
 left.plot(1e3 * time, 1e9 * position, color="#0072B2", label="FMU")
 left.axhline(wind_up, color="#D55E00", linestyle="--", label="closed form")
