@@ -276,8 +276,6 @@ assert abs(explained - rms(ahead)) < 0.002 * explained
 #
 # The picture shows which values a step uses. A bar is a step of an FMU; an arrow carries a value.
 
-# sphinx_gallery_start_ignore
-
 
 def draw(axes, delay):
     """Steps as bars, values as arrows: which command the stage gets in a step."""
@@ -341,7 +339,6 @@ figure, (top, bottom) = plt.subplots(
 )
 draw(top, delay=0)
 draw(bottom, delay=1)
-# sphinx_gallery_end_ignore
 plt.show()
 
 # %%
