@@ -8,6 +8,7 @@ text for readers who do not see it.
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,13 @@ from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
 from docs.shell import cleaned
+
+FILE = re.compile(
+    r"""(?:write\(\s*|\(FOLDER\ /\ )"(?P<name>[^"]+)"(?:,\s*|\)\.write_text\(\s*)
+    (?P<text>(?P<quotes>\'{3}|"{3}).*?(?P=quotes)),?\s*(?:encoding="utf-8",?\s*)?\)\n?""",
+    re.DOTALL | re.VERBOSE,
+)
+"""A call of a tutorial that writes a file: write("loop.toml", ...) or (FOLDER / "loop.toml").write_text(...)."""
 
 
 def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
@@ -47,10 +55,35 @@ def _alternative_text(picture: Any) -> str:
 
 
 def tidy(app: Any, doctree: nodes.document) -> None:
-    """Take computing times and folders of this machine from what the cells printed."""
-    for block in doctree.findall(nodes.literal_block):
+    """Take computing times and folders of this machine from outputs, and show files that cells write as files."""
+    for block in list(doctree.findall(nodes.literal_block)):
         if "sphx-glr-script-out" in block["classes"]:
             text = cleaned(block.astext())
             block.rawsource = text  # Sphinx colours a block only if the two are equal
             block.children = [nodes.Text(text)]
             block.children[0].parent = block
+        elif block.get("language") == "Python" and FILE.search(block.astext()):
+            block.parent.replace(block, _files_and_code(block.astext(), doctree))
+
+
+def _files_and_code(code: str, doctree: nodes.document) -> list[nodes.Node]:
+    """The code of a cell in pieces: each file that it writes, with its name and in its own colours."""
+    parts: list[nodes.Node] = []
+    begin = 0
+    for found in FILE.finditer(code):
+        parts += _listing(code[begin : found.start()], "Python")
+        text = ast.literal_eval(found["text"])
+        content = _listing(text, {".py": "python"}.get(Path(found["name"]).suffix, Path(found["name"]).suffix[1:]))
+        wrapper = nodes.container("", nodes.caption("", "", nodes.literal("", found["name"])), *content)
+        wrapper["literal_block"] = True
+        wrapper["classes"].append("literal-block-wrapper")
+        doctree.set_id(wrapper)
+        parts.append(wrapper)
+        begin = found.end()
+    return parts + _listing(code[begin:], "Python")
+
+
+def _listing(text: str, language: str) -> list[nodes.Node]:
+    """A block of code; none for blank text."""
+    text = text.strip("\n")
+    return [nodes.literal_block(text, text, language=language)] if text.strip() else []

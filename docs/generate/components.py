@@ -85,6 +85,10 @@ def cards(room: str) -> str:
     )
 
 
+MARKS = str.maketrans({mark: f"&#{ord(mark)};" for mark in "|*_`[]$~"})
+"""What means something in Markdown, as HTML writes it."""
+
+
 def page(name: str) -> str:
     """The page of a component."""
     kind = WORKSPACE.component(name)
@@ -138,8 +142,8 @@ def _section(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) ->
 
 
 def _cell(cell: Any) -> str:
-    """Text of a cell; HTML stays HTML."""
-    return str(cell).replace("|", "&#124;") if isinstance(cell, Markup) else escaped(str(cell))
+    """Text of a cell; HTML stays HTML, in which Markdown's own marks are shown as they are."""
+    return str(cell).translate(MARKS) if isinstance(cell, Markup) else escaped(str(cell))
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -239,11 +243,13 @@ def _studies(users: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _proofs(name: str) -> Iterator[str]:
     """The importers in which the FMU gave the trace of ``cosim run``, by itself and in systems."""
+    # by importer and version the largest difference of each form; an importer may have several rows of a form
     runs: dict[tuple[str, str], dict[str, float]] = {}
     for row in json.loads(IMPORTERS.read_text(encoding="utf-8")):
         held = row["components"].get(name)
         if held and held["ran"] == held["jobs"] and not held["problems"] and held["difference"] is not None:
-            runs.setdefault((row["importer"], row["version"]), {})[_form(row)] = held["difference"]
+            found, form = runs.setdefault((row["importer"], row["version"]), {}), _form(row)
+            found[form] = max(found.get(form, 0.0), held["difference"])
     yield from ("## Importers", "")
     if not runs:
         yield "Not yet run in other importers."
@@ -256,7 +262,7 @@ def _proofs(name: str) -> Iterator[str]:
         (
             escaped(importer),
             escaped(version),
-            ", ".join(found),
+            "; ".join(found),
             f"{max(found.values()):.1e}" if any(found.values()) else "0",
         )
         for (importer, version), found in runs.items()

@@ -90,7 +90,7 @@ class Transition:
         self.line, self.at = line, at
 
 
-LEFT, MIDDLE, RIGHT, WIDE, HIGH = 105, 230, 355, 170, 34
+LEFT, MIDDLE, RIGHT, WIDE, HIGH = 92, 230, 368, 150, 34
 PLACES: Mapping[str, tuple[int, int]] = {
     "INSTANTIATED": (MIDDLE, 24),
     "INITIALIZATION": (MIDDLE, 104),
@@ -105,17 +105,17 @@ PLACES: Mapping[str, tuple[int, int]] = {
 BOTH: Sequence[Fmi] = (2, 3)
 TRANSITIONS = (
     Transition("INSTANTIATED", "EnterInitializationMode", "INITIALIZATION", BOTH, "M230 41V85", (238, 68)),
-    Transition("INITIALIZATION", "ExitInitializationMode", "STEP_COMPLETE", BOTH, "M190 121L125 185", (4, 142)),
-    Transition("INITIALIZATION", "ExitInitializationMode", "EVENT_MODE", BOTH, "M270 121L335 185", (318, 142)),
-    Transition("STEP_COMPLETE", "EnterEventMode", "EVENT_MODE", (3,), "M190 198H268", (193, 191)),
-    Transition("EVENT_MODE", "EnterStepMode", "STEP_COMPLETE", (3,), "M270 212H192", (196, 227)),
-    Transition("STEP_COMPLETE", "DoStep", "STEP_FAILED", BOTH, "M105 221V285", (112, 248)),
-    Transition("EVENT_MODE", "EnterContinuousTimeMode", "CONTINUOUS_TIME", BOTH, "M330 221V285", (184, 257)),
-    Transition("CONTINUOUS_TIME", "EnterEventMode", "EVENT_MODE", BOTH, "M380 287V223", (386, 257)),
-    Transition("STEP_COMPLETE", "Terminate", "TERMINATED", BOTH, "M20 204H8V404H143", (16, 396)),
-    Transition("STEP_FAILED", "Terminate", "TERMINATED", (2,), "M135 321L200 385", (104, 360)),
-    Transition("CONTINUOUS_TIME", "Terminate", "TERMINATED", BOTH, "M325 321L260 385", (302, 360)),
-    Transition("EVENT_MODE", "Terminate", "TERMINATED", BOTH, "M440 204H452V404H317", (396, 396)),
+    Transition("INITIALIZATION", "ExitInitializationMode", "STEP_COMPLETE", BOTH, "M190 121L112 185", (2, 142)),
+    Transition("INITIALIZATION", "ExitInitializationMode", "EVENT_MODE", BOTH, "M270 121L348 185", (324, 142)),
+    Transition("STEP_COMPLETE", "EnterEventMode", "EVENT_MODE", (3,), "M167 199H291", (184, 193)),
+    Transition("EVENT_MODE", "EnterStepMode", "STEP_COMPLETE", (3,), "M293 209H169", (188, 223)),
+    Transition("STEP_COMPLETE", "DoStep", "STEP_FAILED", BOTH, "M92 221V285", (98, 250)),
+    Transition("EVENT_MODE", "EnterContinuousTimeMode", "CONTINUOUS_TIME", BOTH, "M334 221V285", (180, 262)),
+    Transition("CONTINUOUS_TIME", "EnterEventMode", "EVENT_MODE", BOTH, "M352 287V223", (357, 248)),
+    Transition("STEP_COMPLETE", "Terminate", "TERMINATED", BOTH, "M17 204H6V404H153", (14, 397)),
+    Transition("STEP_FAILED", "Terminate", "TERMINATED", (2,), "M125 321L196 385", (92, 362)),
+    Transition("CONTINUOUS_TIME", "Terminate", "TERMINATED", BOTH, "M335 321L264 385", (312, 362)),
+    Transition("EVENT_MODE", "Terminate", "TERMINATED", BOTH, "M443 204H454V404H307", (390, 397)),
 )
 """The calls that change the state. A refused call leads to ``FAILED`` from every state, a reset to ``INSTANTIATED``."""
 LABELS = {
@@ -132,7 +132,7 @@ def write(folder: Path) -> None:
     page = folder / "reference" / "fmu-contract.md"
     parts = {
         "diagram": diagram(),
-        "states": _listed({f"`{name}`": f"state '{text}'" for name, text in contract.PHASES.items()}),
+        "transitions": "\n".join(f"* {_said(transition)}" for transition in TRANSITIONS),
         "calls": "\n".join(_calls(fmi) for fmi in BOTH),
         "categories": _listed({literal(name): _both(text) for name, text in contract.CATEGORIES.items()}),
         "limits": _limits(),
@@ -153,11 +153,7 @@ def legal(fmi: Fmi) -> Mapping[str, Sequence[str]]:
 
 def diagram() -> str:
     """The states and the calls that change them, as SVG within the page."""
-    said = "; ".join(
-        f"{t.function} leads from {contract.PHASES[t.start]} to {contract.PHASES[t.end]}"
-        f"{'' if len(t.fmi) == 2 else f' in FMI {t.fmi[0]}.0'}"
-        for t in TRANSITIONS
-    )
+    said = "; ".join(map(_said, TRANSITIONS))
     lines = [
         '<svg class="states" role="img" aria-labelledby="states-title states-text" viewBox="0 0 460 506">',
         "<title id='states-title'>States of an FMU and the calls that change them</title>",
@@ -175,6 +171,14 @@ def diagram() -> str:
             lines.append(f'<text class="call" x="{t.at[0]}" y="{t.at[1] + 13 * k}">{escape(label)}</text>')
     lines.append('<text class="call" x="230" y="452" text-anchor="middle">any call that is refused:</text>')
     return "\n".join(["```{raw} html", *lines, "</svg>", "```"])
+
+
+def _said(transition: Transition) -> str:
+    """A transition in words."""
+    start, end = contract.PHASES[transition.start], contract.PHASES[transition.end]
+    function = " ".join(LABELS.get((transition.start, transition.end), (transition.function,)))
+    only = "" if len(transition.fmi) == 2 else f", in FMI {transition.fmi[0]}.0 only"
+    return f"{function}: from {start} to {end}{only}"
 
 
 def _calls(fmi: Fmi) -> str:

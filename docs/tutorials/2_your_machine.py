@@ -31,9 +31,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(
-    temporary.name
-)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(temporary.name)  # Path("my_folder") keeps the files
 
 
 def run(command):
@@ -112,7 +110,8 @@ plt.show()
 # the factor from the command to a force at the table: 0.2 N.m/V of the drive over a lead of 10 mm a turn is 125.66
 # N/V.
 run(
-    "cosim identify friction stage.csv --force command --factor 125.66 --unit N --plot friction.png"
+    "cosim identify friction stage.csv --force command --factor 125.66"
+    " --unit N --plot friction.png"
 )
 
 # %%
@@ -140,7 +139,8 @@ before = cosim.simulate(system)
 pairs = {"position": "plant.position", "command": "controller.command"}
 off = cosim.compare(record, before, pairs)
 print(
-    f"position: {1e6 * off['position'].rms:.1f} um rms; command: {off['command'].rms:.3f} V rms"
+    f"position: {1e6 * off['position'].rms:.1f} um rms, "
+    f"command: {off['command'].rms:.3f} V rms"
 )
 
 cosim.plot(
@@ -176,7 +176,8 @@ for name, value in first.items():
 guessed = cosim.simulate(system.changed(first))
 off = cosim.compare(record, guessed, pairs)
 print(
-    f"position: {1e6 * off['position'].rms:.1f} um rms; command: {off['command'].rms:.3f} V rms"
+    f"position: {1e6 * off['position'].rms:.1f} um rms, "
+    f"command: {off['command'].rms:.3f} V rms"
 )
 
 cosim.plot([record, guessed], signals=pairs, labels=["log", "first values"])
@@ -212,7 +213,8 @@ fitted = fit(FOLDER / "stage_fit.toml")
 print(fitted.message)
 for estimate in fitted.estimates:
     print(
-        f"{estimate.name:15} {estimate.value:10.6g}  {estimate.low:10.6g} to {estimate.high:10.6g} {estimate.unit}"
+        f"{estimate.name:15} {estimate.value:10.6g}  "
+        f"{estimate.low:10.6g} to {estimate.high:10.6g} {estimate.unit}"
     )
 assert fitted.converged
 assert not fitted.weak
@@ -282,7 +284,8 @@ for row, compared in enumerate(
     left = compared.measured - compared.expected
     what = "not fitted" if compared.validates else "fitted"
     print(
-        f"record {compared.record} ({what}): {1e9 * compared.rms:.2f} nm rms, {1e9 * expected:.2f} nm of the sensor"
+        f"record {compared.record} ({what}): {1e9 * compared.rms:.2f} nm rms, "
+        f"{1e9 * expected:.2f} nm of the sensor"
     )
     assert abs(compared.rms / expected - 1.0) < 0.05
     panels[row, 0].plot(
@@ -366,7 +369,8 @@ print((FOLDER / "start.toml").read_text())
 # %%
 # The delay belongs to the sensor, not to the plant, so ``start.toml`` has none; the comparison takes it back.
 run(
-    "cosim run start.toml --overlay stage.csv --signals plant.position=position --delay -0.0004"
+    "cosim run start.toml --overlay stage.csv"
+    " --signals plant.position=position --delay -0.0004"
 )
 
 # %%

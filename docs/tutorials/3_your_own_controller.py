@@ -20,9 +20,7 @@ import tempfile
 from pathlib import Path
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(
-    temporary.name
-)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(temporary.name)  # Path("my_folder") keeps the files
 
 
 def run(command):
@@ -204,6 +202,9 @@ class PolePid(Controller):
 # One command traces the equations, writes C, compiles it, and makes the FMU. What cannot be translated is told with its
 # line and what to write in its place.
 run("cosim build pole_pid.py -o fmus")
+
+# %%
+# Any tool, and ``cosim info``, sees it now as it sees every FMU:
 run("cosim info fmus/PolePid.fmu")
 
 # %%
@@ -391,7 +392,8 @@ def rms(result, start=0.5):
 
 
 print(
-    f"rms error without friction model: {rms(without):.3f} um, with it: {rms(compensated):.3f} um"
+    f"rms error without friction model: {rms(without):.3f} um, "
+    f"with it: {rms(compensated):.3f} um"
 )
 assert rms(compensated) < rms(without)
 
@@ -661,7 +663,8 @@ plt.show()
 leading = sorted(errors[0] for errors in ranked.values())[:6]
 print(f"best to sixth: a factor of {leading[-1] / leading[0]:.2f}")
 print(
-    f"friction model, with the first poles: a factor of {rms(without) / rms(compensated):.2f}"
+    f"friction model, with the first poles: "
+    f"a factor of {rms(without) / rms(compensated):.2f}"
 )
 assert rms(without) / rms(compensated) > 2.0 * leading[-1] / leading[0]
 
@@ -680,6 +683,7 @@ assert rms(without) / rms(compensated) > 2.0 * leading[-1] / leading[0]
 #
 # * :doc:`/systems` has all keys of a system file.
 # * :doc:`/architecture` shows how components become FMUs.
+# * :doc:`/explanations/time-and-sampling` says when a controller samples, and where a sample of delay comes from.
 #
 # The last line deletes the temporary folder.
 temporary.cleanup()

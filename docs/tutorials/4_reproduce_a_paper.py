@@ -20,9 +20,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 temporary = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-FOLDER = Path(
-    temporary.name
-)  # or Path("my_folder"), if you want to keep the files
+FOLDER = Path(temporary.name)  # Path("my_folder") keeps the files
 
 
 def run(command):

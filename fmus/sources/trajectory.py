@@ -61,9 +61,9 @@ class Trajectory(Source):
 
         step        position = offset + amplitude
         stairs      position = offset + amplitude*n,  n = 1, 2 ... repetitions, one a dwell
-        ramp        position = offset + s,                        s' = feed, over abs(amplitude), without end where 0
-        sine        position = offset + amplitude*sin(s + phase), s' = 2*pi*frequency, turns periods
-        circle      position = offset + radius*cos(s + phase),    s' = feed/radius, turns turns
+        ramp        position = offset + s,                         s' = feed, over abs(amplitude), without end where 0
+        sine        position = offset + amplitude*sin(s + phase),  s' = 2*pi*frequency, turns periods
+        circle      position = offset + radius*cos(s + phase),     s' = feed/radius, turns turns
         quintic, trapezoidal, jerk_limited
                     moves by amplitude, as fast as the limits allow that the kind has: a quintic and a jerk-limited
                     move keep velocity_max, acceleration_max and jerk_max, a trapezoidal one the first two

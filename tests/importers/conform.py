@@ -46,8 +46,6 @@ ROOT = Path(__file__).resolve().parents[2]
 RUNNER = Path(__file__).with_name("runner.py")
 BUGS = Path(__file__).with_name("bugs.py")
 TOLERANCE = 1e-9
-PYTHON_TOLERANCE = 1e-6
-"""A last bit in a communication point leads scipy's LSODA another way, within its tolerance of 1e-6."""
 SYSTEM_TOLERANCE = 1e-6
 """Feedback carries the last bits of a communication point on."""
 EXCHANGE_TOLERANCE = 1e-4
@@ -252,7 +250,7 @@ class Conformance:
         fmus: str,
         tolerance: float = TOLERANCE,
     ) -> Outcome:
-        """Run one importer, or say why not; ``fmus`` is the kind of FMUs: native, python, fmi3 or reference."""
+        """Run one importer, or say why not; ``fmus`` is the kind of FMUs, see ``Outcome``."""
         outcome = Outcome(importer.name, what, importer.sees, fmus)
         environment: dict[str, str] = {}
         if importer.program and not self.programs.get(importer.program):
@@ -277,21 +275,19 @@ class Conformance:
 
     def fmus(self, flavour: str, place: Path) -> list[Outcome]:
         """Every importer of single FMUs."""
-        tolerance = PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
         paths = sorted(place.glob("*.fmu"))
         cases, what = [fmu_case(path) for path in paths], f"{len(paths)} {flavour} FMUs"
-        found = [self.one(i, cases, what, tolerance=tolerance, fmus=flavour) for i in FMU_IMPORTERS]
+        found = [self.one(i, cases, what, fmus=flavour) for i in FMU_IMPORTERS]
         oms = replace(SYSTEM_IMPORTERS[-1], name="OMSimulator, SSP of one FMU", lacks=())
         singles = [single_case(path, self.folder) for path in paths]
         return [*found, self.one(oms, singles, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour)]
 
     def checks(self, flavour: str, place: Path) -> list[Outcome]:
         """Every checker."""
-        tolerance = PYTHON_TOLERANCE if flavour == "python" else TOLERANCE
         paths = sorted(place.glob("*.fmu"))
         cases = [fmu_case(path, held=False) for path in paths]
         what = f"{len(paths)} {flavour} FMUs"
-        return [self.one(i, cases, what, tolerance=tolerance, fmus=flavour) for i in CHECKERS]
+        return [self.one(i, cases, what, fmus=flavour) for i in CHECKERS]
 
     def exchange(self, place: Path) -> list[Outcome]:
         """The plants as model exchange."""
@@ -315,16 +311,16 @@ class Conformance:
             what = f"{flavour} FMUs, systems: {what}"
             found.append(self.one(importer, cases, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour))
             if importer.function == "fmucontainer":
-                found.append(self.containers(cases, what, flavour))
+                found.append(self.containers(cases, what))
             if importer.multiples:
                 multiples = [multiple_case(name, ROOT / "studies", folder, place, steps) for name in MULTIPLES]
                 what = f"{flavour} FMUs, systems with step multiples: {'; '.join(c.job['name'] for c in multiples)}"
                 found.append(self.one(importer, multiples, what, tolerance=SYSTEM_TOLERANCE, fmus=flavour))
         return found
 
-    def containers(self, cases: Sequence[Case], what: str, flavour: str) -> Outcome:
+    def containers(self, cases: Sequence[Case], what: str) -> Outcome:
         """The containers that the FMU manipulation toolbox made, each as one FMU in ``cosim run``."""
-        outcome = Outcome("cosim run, these containers as FMUs", what, AFTER, flavour)
+        outcome = Outcome("cosim run, these containers as FMUs", what, AFTER, "container")
         for case in cases:
             job = case.job
             document = {

@@ -24,7 +24,7 @@ from cosim.export.compile import RUNTIME, TARGETS
 from cosim.export.package import build
 
 from .cases import Case, compare, fmu_case
-from .conform import PYTHON_TOLERANCE
+from .conform import TOLERANCE
 
 COMPONENTS = sorted(WORKSPACE.components())
 SYSROOT = Path("/usr/aarch64-linux-gnu")
@@ -54,7 +54,7 @@ def run(case: Case, folder: Path, platform: str, command: list[str]) -> None:
     step(case, library, command, {"WINEDEBUG": "-all"})
 
 
-def step(case: Case, library: Path, command: list[str], environment: dict[str, str], tolerance: float = 1e-9) -> None:
+def step(case: Case, library: Path, command: list[str], environment: dict[str, str]) -> None:
     """Run a library in the host and compare; exp and sin of a platform's C library may differ in the last bit."""
     job = case.job
     inputs = [text for n, v in job["inputs"].items() for text in (str(job["references"][n]), repr(v))]
@@ -71,7 +71,7 @@ def step(case: Case, library: Path, command: list[str], environment: dict[str, s
     assert done.returncode == 0, done.stderr[-500:]
     rows = [[float(value) for value in line.split()] for line in done.stdout.splitlines()]
     difference, output = compare(case, rows)
-    assert difference <= tolerance, output
+    assert difference <= TOLERANCE, output
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def test_python_flavour_in_a_host_without_python(python: Path, folder: Path, nam
         archive.extractall(folder / "python" / name)
     library = folder / "python" / name / "binaries" / "linux64" / f"{name}.so"
     packages = {"PYTHONPATH": sysconfig.get_path("purelib"), "COSIM_LIBPYTHON": str(LIBPYTHON)}
-    step(case, library, [str(program)], packages, PYTHON_TOLERANCE)
+    step(case, library, [str(program)], packages)
 
 
 def test_host_without_python_is_told_what_is_missing(python: Path, folder: Path) -> None:

@@ -42,7 +42,7 @@ class Outcome:
     what: str
     sees: str = ""
     fmus: str = ""
-    """Which FMUs the jobs have: native, python, fmi3 or reference."""
+    """Which FMUs the jobs have: native, python or fmi3; reference or container for FMUs that are no components."""
     version: str = ""
     missing: str = ""
     """Why it was not run at all."""
@@ -162,9 +162,10 @@ NOTES = """
 def data(sections: Iterable[Section]) -> str:
     """docs/importers.json: for each importer and kind of FMU what became of each component, by itself or in systems.
 
-    A list of objects in the order of the tables: ``section``, ``importer``, ``version``, ``fmus``, ``sees``,
-    ``missing`` (why it was not run at all) and ``components``: name -> ``jobs`` (how many had the component), ``ran``,
-    ``difference`` (the largest, as a share of the output's largest value; null without a trace) and ``problems``.
+    A list of objects, one a line, in the order of the tables: ``section``, ``importer``, ``version``, ``fmus``,
+    ``sees``, ``missing`` (why it was not run at all) and ``components``: name -> ``jobs`` (how many had the component),
+    ``ran``, ``difference`` (the largest, as a share of the output's largest value; null without a trace) and
+    ``problems``.
     """
     rows = [
         {
@@ -178,9 +179,9 @@ def data(sections: Iterable[Section]) -> str:
         }
         for title, _, found in sections
         for o in found
-        if o.fmus != "reference"
+        if o.fmus in ("native", "python", "fmi3")
     ]
-    return json.dumps(rows, indent=1, ensure_ascii=False) + "\n"
+    return "[\n" + ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows) + "\n]\n"
 
 
 def _components(runs: Iterable[Run]) -> dict[str, dict[str, Any]]:

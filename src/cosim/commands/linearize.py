@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import DescriptionError
 from .console import check_plot, common_arguments, print_note, set_argument, show
 from .systems import given_values
+
+if TYPE_CHECKING:
+    from ..design.linearize import Margins, StateSpace
 
 
 def add(commands: Any) -> None:
@@ -42,7 +46,6 @@ def add(commands: Any) -> None:
 
 def _linearize(options: argparse.Namespace) -> int:
     from ..design import linearize
-    from ..design.linearize import Margins
     from ..fmu.places import find_system, has_ending
 
     try:
@@ -78,6 +81,14 @@ def _linearize(options: argparse.Namespace) -> int:
             linearize.plot_bode(options.plot, loop, title="Loop transfer function, sampled")
     elif options.plot is not None:
         linearize.plot_bode(options.plot, model, title=f"{model.inputs[0]} to {model.outputs[0]}")
+    _show(options, model, found, notes, f"{options.source} at {at:g} s")
+    return 0
+
+
+def _show(
+    options: argparse.Namespace, model: StateSpace, found: Margins | None, notes: Sequence[str], title: str
+) -> None:
+    """Print the matrices, and the margins if there are any."""
     matrices = {name: getattr(model, name).tolist() for name in ("A", "B", "C", "D")}
     poles = [[float(pole.real), float(pole.imag)] for pole in model.poles]
     content = {
@@ -96,10 +107,9 @@ def _linearize(options: argparse.Namespace) -> int:
     ):
         for i, name in enumerate(names):
             rows.append((name, *(f"{float(value):.6g}" for value in (*left[i], *right[i]))))
-    show(options, content, rows, f"{options.source} at {at:g} s")
+    show(options, content, rows, title)
     if found is not None and not options.json:
         units = {"gain_frequency": "rad/s", "phase": "rad", "crossover": "rad/s", "delay": "s"}
         rows = [("Margin", "", ""), ("stable", "yes" if found.stable else "no", "")]
         rows += [(name, f"{value:.6g}", units.get(name, "")) for name, value in vars(found).items() if name != "stable"]
         show(options, {}, rows, f"Loop with {options.controller}")
-    return 0

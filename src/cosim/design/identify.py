@@ -15,11 +15,13 @@ Engineering 32, 2008, sec. 3.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import DescriptionError
 from ..files import write_file
@@ -133,6 +135,23 @@ def read_signals(path: Path) -> tuple[Array, Array, Array, Array | None]:
     return record.time, record.columns["u"], record.columns["x"], record.columns.get("v")
 
 
+def _driven_samples(signals: Mapping[str, Array]) -> NDArray[np.intp]:
+    """The indices of the samples of the pulse. Raises DescriptionError for signals that are no record of one pulse."""
+    for name, signal in signals.items():
+        if not np.all(np.isfinite(signal)):
+            first = int(np.argmin(np.isfinite(signal)))
+            raise DescriptionError(f"{name} is not finite everywhere; the first such sample is number {first + 1}.")
+    time, command = signals["time"], signals["command"]
+    if time.size < 8 or np.ptp(np.diff(time)) > 1e-3 * (time[1] - time[0]):
+        raise DescriptionError("the samples are not equally spaced, or too few: record at one sampling time.")
+    driven = np.flatnonzero(command[:-1])
+    if driven.size == 0 or command[driven[-1] + 1] != 0.0:
+        raise DescriptionError("there is no pulse: the command must be u_r for a time and then 0 to the end.")
+    if np.any(command[driven] != command[driven[0]]):
+        raise DescriptionError("the command has more than one value beside 0: apply one u_r.")
+    return driven
+
+
 def nct_from_signals(
     time: Array,
     command: Array,
@@ -150,20 +169,9 @@ def nct_from_signals(
     if alpha is not None and e_lin is not None:
         raise DescriptionError("both alpha and e_lin are given. Give one; the other follows.")
     signals = {"time": time, "command": command, "position": position}
-    for name, signal in (signals if velocity is None else {**signals, "velocity": velocity}).items():
-        if not np.all(np.isfinite(signal)):
-            first = int(np.argmin(np.isfinite(signal)))
-            raise DescriptionError(f"{name} is not finite everywhere; the first such sample is number {first + 1}.")
-    if time.size < 8 or np.ptp(np.diff(time)) > 1e-3 * (time[1] - time[0]):
-        raise DescriptionError("the samples are not equally spaced, or too few: record at one sampling time.")
+    driven = _driven_samples(signals if velocity is None else {**signals, "velocity": velocity})
     step = float(time[-1] - time[0]) / (time.size - 1)
-    driven = np.flatnonzero(command[:-1])
-    if driven.size == 0 or command[driven[-1] + 1] != 0.0:
-        raise DescriptionError("there is no pulse: the command must be u_r for a time and then 0 to the end.")
-    u_r = float(command[driven[0]])
-    if np.any(command[driven] != u_r):
-        raise DescriptionError("the command has more than one value beside 0: apply one u_r.")
-    t_r = driven.size * step
+    u_r, t_r = float(command[driven[0]]), driven.size * step
     direction = math.copysign(1.0, u_r)
     place = direction * (position - position[driven[0]])
     end = int(driven[-1]) + 1  # the first sample without command

@@ -387,21 +387,13 @@ def limit_map(
                 first = start_share * limit.value
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
-
-                def ratio(value: float, w: float = w, alpha: float = case.alpha) -> float:
-                    return practical_zeta(value, w, alpha=alpha, K=K, T_s=T_s)
-
                 at_once = math.isnan(searched.stable)
-                points.append(
-                    MapPoint(
-                        case.name,
-                        w,
-                        linear_limits(w, case.alpha * T_s)[1],
-                        ratio(limit.value),
-                        ratio(first if at_once else searched.value),
-                        at_once,
-                    )
+                linear = linear_limits(w, case.alpha * T_s)[1]
+                practical, simulated = (
+                    practical_zeta(value, w, alpha=case.alpha, K=K, T_s=T_s)
+                    for value in (limit.value, first if at_once else searched.value)
                 )
+                points.append(MapPoint(case.name, w, linear, practical, simulated, at_once))
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
 

@@ -108,6 +108,36 @@ class InterfaceVariable:
     """Name of the array that has this variable as an element."""
 
 
+def _declared(reference: int, scalar: Scalar, role: Role, continuous: bool) -> InterfaceVariable:
+    """The variable of a declared scalar."""
+    declaration, start = scalar.declaration, scalar.start
+    low, high, typed, choice = declaration.min, declaration.max, "Real", None
+    if isinstance(start, bool):
+        typed, low, high = "Boolean", 0.0, 1.0
+    elif isinstance(start, Choice):
+        typed, choice = "Enumeration", type(start)
+        numbers = [float(item.number) for item in choice]
+        low, high = min(numbers), max(numbers)
+    elif isinstance(declaration.start, int):
+        typed = "Integer"
+    return InterfaceVariable(
+        reference=reference,
+        name=scalar.name,
+        role=role,
+        type=typed,
+        start=choice_number(start),
+        unit=declaration.unit,
+        description=declaration.description,
+        min=low,
+        max=high,
+        nominal=declaration.nominal,
+        display_unit=declaration.display_unit,
+        choice=choice,
+        continuous=continuous,
+        array=None if declaration.length is None else declaration.name,
+    )
+
+
 def variables_of(kind: type[Component]) -> tuple[InterfaceVariable, ...]:
     """All variables: parameters, inputs, states, outputs, derivatives, solver counters."""
     found: list[InterfaceVariable] = []
@@ -116,34 +146,7 @@ def variables_of(kind: type[Component]) -> tuple[InterfaceVariable, ...]:
     states, n_continuous = ordered_states(kind)
 
     def add(scalar: Scalar, role: Role, continuous: bool = True) -> None:
-        declaration, start = scalar.declaration, scalar.start
-        low, high, typed, choice = declaration.min, declaration.max, "Real", None
-        if isinstance(start, bool):
-            typed, low, high = "Boolean", 0.0, 1.0
-        elif isinstance(start, Choice):
-            typed, choice = "Enumeration", type(start)
-            numbers = [float(item.number) for item in choice]
-            low, high = min(numbers), max(numbers)
-        elif isinstance(declaration.start, int):
-            typed = "Integer"
-        found.append(
-            InterfaceVariable(
-                reference=len(found),
-                name=scalar.name,
-                role=role,
-                type=typed,
-                start=choice_number(start),
-                unit=declaration.unit,
-                description=declaration.description,
-                min=low,
-                max=high,
-                nominal=declaration.nominal,
-                display_unit=declaration.display_unit,
-                choice=choice,
-                continuous=continuous,
-                array=None if declaration.length is None else declaration.name,
-            )
-        )
+        found.append(_declared(len(found), scalar, role, continuous))
 
     for scalar in parameters:
         add(scalar, "tunable" if scalar.declaration.variability == "tunable" else "fixed")

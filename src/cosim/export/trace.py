@@ -75,19 +75,7 @@ def trace(kind: type[Component]) -> Trace:
     states, n_continuous = ordered_states(kind)
     symbols = Symbols(states, n_continuous, inputs, parameters)
     discrete = {i: _members(s) for i, s in enumerate(parameters) if s.declaration.is_discrete_choice}
-    combinations = list(itertools.product(*discrete.values()))
-    if len(combinations) > MAX_VARIANTS:
-        raise TraceError(
-            f"{of_class(kind)}: {kind.__name__}: {len(combinations)} combinations of bool and Choice parameters, at "
-            f"most {MAX_VARIANTS} are traced. Make some of them numbers."
-        )
-    collected: dict[tuple[float, ...], Variant] = {}
-    for combination in combinations:
-        arguments: list[Any] = [Symbol(p) for p in symbols.p]
-        for index, value in zip(discrete, combination, strict=True):
-            arguments[index] = value
-        variant = Variant(kind, symbols, arguments, states, n_continuous)
-        collected[tuple(map(choice_number, combination))] = variant
+    collected = _traced(kind, symbols, discrete, states, n_continuous)
     printer = Printer()
     notes = tuple(dict.fromkeys(note for variant in collected.values() for note in variant.note_texts))
     choices, rules, variants = _table(kind, printer, symbols, discrete, collected, notes=notes)
@@ -131,6 +119,30 @@ def trace(kind: type[Component]) -> Trace:
         initial_parameters=initial_parameters,
         initial_inputs=initial_inputs,
     )
+
+
+def _traced(
+    kind: type[Component],
+    symbols: Symbols,
+    discrete: Mapping[int, tuple[Any, ...]],
+    states: Sequence[Scalar],
+    n_continuous: int,
+) -> dict[tuple[float, ...], Variant]:
+    """Each combination of the numbers of bool and Choice parameters, and its variant."""
+    combinations = list(itertools.product(*discrete.values()))
+    if len(combinations) > MAX_VARIANTS:
+        raise TraceError(
+            f"{of_class(kind)}: {kind.__name__}: {len(combinations)} combinations of bool and Choice parameters, at "
+            f"most {MAX_VARIANTS} are traced. Make some of them numbers."
+        )
+    collected: dict[tuple[float, ...], Variant] = {}
+    for combination in combinations:
+        arguments: list[Any] = [Symbol(p) for p in symbols.p]
+        for index, value in zip(discrete, combination, strict=True):
+            arguments[index] = value
+        variant = Variant(kind, symbols, arguments, states, n_continuous)
+        collected[tuple(map(choice_number, combination))] = variant
+    return collected
 
 
 def _table(

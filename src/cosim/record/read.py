@@ -63,6 +63,25 @@ class Record:
         )
 
 
+def _chosen(
+    names: _Names, time_column: int | None, columns: Sequence[str] | None, units: Mapping[str, str], problems: list[str]
+) -> tuple[dict[str, int], dict[int, str]]:
+    """Name -> number of each column to be read, and number -> unit of those whose unit is given.
+
+    Raises DescriptionError with ``problems``, which were found before, and those of these names.
+    """
+    if columns is None:
+        chosen = {name: i for i, name in enumerate(names.names) if i != time_column}
+    else:
+        chosen = {name: i for name in columns if (i := names.find(name, problems)) is not None}
+    stated = {number: unit for name, unit in units.items() if (number := names.find(name, problems)) is not None}
+    if problems:
+        raise DescriptionError(problems)
+    if not chosen:
+        raise DescriptionError(f"{names.path}: holds no column beside its time.")
+    return chosen, stated
+
+
 def read_record(
     path: str | Path,
     *,
@@ -92,19 +111,9 @@ def read_record(
     names = _Names(path, table)
     problems: list[str] = []
     time_column = _time_column(names, time, sampling_time, problems)
-    if columns is None:
-        chosen = {name: i for i, name in enumerate(names.names) if i != time_column}
-    else:
-        chosen = {name: i for name in columns if (i := names.find(name, problems)) is not None}
-    stated = {
-        number: unit for name, unit in (units or {}).items() if (number := names.find(name, problems)) is not None
-    }
-    if problems:
-        raise DescriptionError(problems)
-    if not chosen:
-        raise DescriptionError(f"{path}: holds no column beside its time.")
-    wanted = [*chosen.values(), *([] if time_column is None else [time_column])]
-    wanted = sorted(set(wanted))
+    chosen, stated = _chosen(names, time_column, columns, units or {}, problems)
+    read = set(chosen.values()) if time_column is None else {*chosen.values(), time_column}
+    wanted = sorted(read)
     values = table.values(wanted)
     if not len(values):
         raise DescriptionError(f"{path}: holds no rows.")

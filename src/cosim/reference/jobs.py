@@ -146,6 +146,30 @@ def _default_experiment(file: Related, related: Sequence[Related], beside: Path,
     )
 
 
+def _located(
+    file: str, references: Table, variables: Mapping[str, Any], problems: list[str], notes: list[str]
+) -> tuple[dict[str, tuple[Any, int | None]], list[str]]:
+    """The variable, and the index of its element, of each column that can be compared; and the names of no variable.
+
+    Adds columns with wrong values to ``problems``, columns of text to ``notes``.
+    """
+    located: dict[str, tuple[Any, int | None]] = {}
+    unknown: list[str] = []
+    for name in references.names:
+        variable, element = _find(name, variables)
+        if variable is None:
+            unknown.append(f"'{name}'")
+        elif variable.type in TEXT_TYPES:
+            notes.append(f"'{name}' is of type {variable.type} and not compared.")
+        else:
+            located[name] = variable, element
+            try:
+                values_of(file, name, references, variable, element)
+            except DescriptionError as error:
+                problems += error.problems
+    return located, unknown
+
+
 def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model: Any, interface: Interface) -> Job:
     """An experiment with everything that ``simulate_fmu`` needs.
 
@@ -174,21 +198,8 @@ def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model:
         raise DescriptionError([*problems, *error.problems]) from None
     experiment, more = _timed(experiment, references, path.name)
     problems += more
-    located: dict[str, tuple[Any, int | None]] = {}
     notes: list[str] = []
-    unknown: list[str] = []
-    for name in references.names:
-        variable, element = _find(name, variables)
-        if variable is None:
-            unknown.append(f"'{name}'")
-        elif variable.type in TEXT_TYPES:
-            notes.append(f"'{name}' is of type {variable.type} and not compared.")
-        else:
-            located[name] = variable, element
-            try:
-                values_of(path.name, name, references, variable, element)
-            except DescriptionError as error:
-                problems += error.problems
+    located, unknown = _located(path.name, references, variables, problems, notes)
     lesser = [
         f"{path.name}: a tolerance is stated for '{name}', which it has not."
         for name in experiment.tolerances

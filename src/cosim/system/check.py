@@ -102,14 +102,7 @@ def checked_fields(
         notes=(*notes, *findings.notes),
         notes_of_file=tuple(notes),
         digest=system_digest(
-            instances,
-            connections,
-            (start, stop, step),
-            order,
-            tolerance,
-            record,
-            decimation,
-            tuple(signals.values()),
+            instances, connections, (start, stop, step), order, tolerance, record, decimation, tuple(signals.values())
         ),
         document=document,
         folder=folder,
