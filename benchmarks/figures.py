@@ -39,12 +39,13 @@ def processor() -> str:
 
 
 def machine() -> dict[str, str | int]:
-    """The machine, as far as speed depends on it."""
+    """The machine, as far as speed depends on it; ``load``: how many programs wanted to run in the last minute."""
     return {
         "processor": processor(),
         "cores": os.cpu_count() or 1,
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
+        "load": round(os.getloadavg()[0]) if hasattr(os, "getloadavg") else "",
     }
 
 

@@ -166,7 +166,7 @@ def main() -> int:
             "step, as a multiple of cosim. The C program makes the same FMI calls and nothing else. All take turns; "
             f"medians of {TURNS} turns.",
             ("Master", "Times cosim"),
-            [(name, f"{value:.3g}") for name, value in sorted(measured.items(), key=lambda entry: entry[1])],
+            [(name, float(f"{value:.3g}")) for name, value in sorted(measured.items(), key=lambda entry: entry[1])],
             {"ratio_to_c": round(statistics.median(turns), 2), "start_up": round(statistics.median(starts), 2)},
         ),
     )

@@ -51,7 +51,8 @@ def write(folder: Path) -> None:
 def table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A table in Markdown."""
     lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+    cells = [[f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in line] for line in lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
 
 
 def claims() -> dict[str, Any]:
@@ -125,12 +126,13 @@ def benchmarks(kept: dict[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, entry in kept.items():
         machine = entry["machine"]
+        load = f"; {machine['load']} programs wanted to run in the minute before" if machine.get("load") else ""
         found[f"bench_{name}"] = "\n\n".join(
             (
                 entry["text"],
                 table(entry["heads"], entry["rows"]),
                 f"*Made on {machine['processor']}, {machine['cores']} cores, {machine['system']}, "
-                f"Python {machine['python']}.*",
+                f"Python {machine['python']}{load}.*",
             )
         )
         found |= {f"bench_{name}_{key}": value for key, value in entry["more"].items()}
