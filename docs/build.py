@@ -1,8 +1,8 @@
 """The documentation as a site: python -m docs.build [--quick]. make docs calls it.
 
 Copies this folder to build/site/source, adds the pages that docs/generate writes from the code, and runs Sphinx, which
-runs the tutorials. --quick leaves these
-and the commands on pages out. The site is build/site/html; it needs no server and no network.
+runs the tutorials. --quick leaves these and the commands on pages out. The site is build/site/html; it needs
+no server and no network.
 """
 
 from __future__ import annotations
@@ -10,14 +10,27 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from sphinx.cmd.build import main as sphinx
 
-from docs.generate import GENERATORS
+from docs import equations
+from docs.generate import api, commands, components, contract, errors, explanations, formats
 
 DOCS = Path(__file__).parent
 SITE = DOCS.parent / "build" / "site"
+GENERATORS: list[Callable[[Path], None]] = [
+    commands.write,
+    formats.write,
+    api.write,
+    components.write,
+    equations.write,
+    errors.write,
+    contract.write,
+    explanations.write,
+]
+"""Each writes its pages into the copy of docs that Sphinx reads."""
 
 
 def build(*, quick: bool = False) -> int:

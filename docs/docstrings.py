@@ -11,12 +11,14 @@ import ast
 import re
 import textwrap
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sphinx.application import Sphinx
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 _CODE = re.compile(r"``(.+?)``")
 _ENTRY = re.compile(r"``\w+``(, ``\w+``)*:")
+_SIGNATURE = re.compile(r'<span class="sig-paren">\(</span>\s*<dl>.*?</dl>', re.DOTALL)
 _MARKS = re.compile(r"([\\*`|_<>\[\]])")
 
 
@@ -75,7 +77,24 @@ def _process(*arguments: Any) -> None:
     lines[:] = restructured("\n".join(lines))
 
 
+def _arguments(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Turns the list of arguments of a long signature, which HTML reads as definitions without terms, into lines."""
+    del app, page, template, doctree
+    if "body" in context:
+        context["body"] = _SIGNATURE.sub(
+            lambda found: (
+                found[0]
+                .replace("<dl>", '<span class="sig-arguments">')
+                .replace("</dl>", "</span>")
+                .replace("<dd>", '<span class="sig-argument">')
+                .replace("</dd>", "</span>")
+            ),
+            context["body"],
+        )
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", _process)
+    app.connect("html-page-context", _arguments)
     return {"version": "1", "parallel_read_safe": True}

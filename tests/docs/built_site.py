@@ -27,7 +27,11 @@ SHOWN = (
     "components/index.html",
     "components/BallscrewStage.html",
     "reference/index.html",
+    "reference/commands/run.html",
+    "reference/errors.html",
+    "reference/fmu-contract.html",
     "reference/formats/system.html",
+    "reference/python/cosim.html",
     "explanations/index.html",
     "explanations/integrator.html",
     "physics.html",
@@ -47,6 +51,15 @@ QUESTIONS = {
     "simulink": ("use-in-your-tool",),
     "integrator tolerance": ("explanations/integrator",),
     "read_record": ("reference/python/cosim",),
+    "noise": ("reference/formats/system",),
+    "sampling_time": ("reference/formats/system",),
+    "decimal comma": ("reference/formats/record",),
+    "--overlay": ("reference/commands/run",),
+    "exit code": ("reference/commands/index",),
+    "settling time": ("reference/python/cosim.metrics",),
+    "algebraic loop": ("reference/errors",),
+    "unit does not match": ("reference/errors",),
+    "fmi2DoStep": ("reference/fmu-contract",),
 }
 """What a newcomer types into the search, and the pages that answer it; one of them is among the first five."""
 LOADING = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src", "object": "data"}

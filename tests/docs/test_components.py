@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import inspect
 import json
 import re
@@ -34,7 +35,7 @@ def folder(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_page_names_every_variable_with_its_meaning(folder: Path, name: str) -> None:
     page = (folder / f"{name}.md").read_text(encoding="utf-8")
-    plain = " ".join(re.sub(r"\\(.)", r"\1", page).split())
+    plain = html.unescape(" ".join(re.sub(r"\\(.)", r"\1", page).split()))
     for variable in variables_of(WORKSPACE.component(name)):
         if variable.role != "derivative":
             row = f"| `{variable.name}` |" if variable.array is None else f"| `{variable.array}[1 ... "
