@@ -104,9 +104,8 @@ def step_response(torque):
 figure, (left, right) = plt.subplots(
     1, 2, figsize=(7.5, 2.9), layout="constrained"
 )
-wind_up = (
-    -1e9 * 0.0015923 * 6.24 / 1e5 * np.log(1.0 - 5.0 / 6.24)
-)  # nm: lead for one radian times the angle
+# lead for one radian times the angle, in nm
+wind_up = -1e9 * 0.0015923 * 6.24 / 1e5 * np.log(1.0 - 5.0 / 6.24)
 time, position = step_response(5.0)
 left.plot(1e3 * time, 1e9 * position, color="#0072B2", label="FMU")
 left.axhline(wind_up, color="#D55E00", linestyle="--", label="closed form")
@@ -277,8 +276,6 @@ assert abs(explained - rms(ahead)) < 0.002 * explained
 #
 # The picture shows which values a step uses. A bar is a step of an FMU; an arrow carries a value.
 
-# sphinx_gallery_start_ignore
-
 
 def draw(axes, delay):
     """Steps as bars, values as arrows: which command the stage gets in a step."""
@@ -342,7 +339,6 @@ figure, (top, bottom) = plt.subplots(
 )
 draw(top, delay=0)
 draw(bottom, delay=1)
-# sphinx_gallery_end_ignore
 plt.show()
 
 # %%

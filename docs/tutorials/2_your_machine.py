@@ -50,15 +50,18 @@ def show(name, title):
     return SimpleNamespace(_repr_png_=(FOLDER / name).read_bytes, title=title)
 
 
-HERE = (
-    Path("your_machine"),
-    Path("../examples/your_machine"),
-)  # beside this script, or in a checkout
-shutil.copytree(
-    next(folder for folder in HERE if folder.is_dir()),
-    FOLDER,
-    dirs_exist_ok=True,
+# beside this script, or in a checkout
+PLACES = (
+    "your_machine",
+    "../examples/your_machine",
+    "docs/examples/your_machine",
 )
+places = [Path(place) for place in PLACES if Path(place).is_dir()]
+if not places:
+    raise FileNotFoundError(
+        "There is no folder your_machine here. Put the files named above into one."
+    )
+shutil.copytree(places[0], FOLDER, dirs_exist_ok=True)
 
 # %%
 # Look at the log

@@ -395,6 +395,11 @@ print(
     f"rms error without friction model: {rms(without):.3f} um, "
     f"with it: {rms(compensated):.3f} um"
 )
+part = cosim.metrics.window(compensated.time, 0.5)
+activity = cosim.metrics.total_variation(
+    compensated.time[part], compensated["friction.command"][part]
+)
+print(f"total variation of the force, with it: {activity:.3g} N/s")
 assert rms(compensated) < rms(without)
 
 cosim.plot(
@@ -422,8 +427,8 @@ else:
 # Faster poles give a smaller error, until the delay, the velocity filter and the limit of the drive answer. A tuning
 # file says what shall be small (the objective), what must not be exceeded (limits), and which values are free. The
 # search runs with all commands one sample late (``order = "parallel"``), as real controllers are, so that it keeps away
-# from the edge. The limit on the total variation of the force keeps the command quiet: 4e5 N/s is 50 times what the
-# motion itself needs.
+# from the edge. The limit on the total variation of the force keeps the command quiet: 4e5 N/s is some
+# ten times what the loop above needs.
 #
 # The system to tune is the one above with the friction model; a file that completes another one names it as its base.
 write(
@@ -460,6 +465,7 @@ error = { of = "rms", signal = "controller.error" }
 activity = { of = "total_variation", signal = "friction.command" }
 """,
 )
+assert 8.0 < 4e5 / activity < 13.0
 run("cosim tune tune.toml --start tuned.toml --base model.toml")
 
 # %%
@@ -478,9 +484,8 @@ base = "model.toml"
 order = "parallel"
 """,
 )
-found = tomllib.loads((FOLDER / "tuned.toml").read_text())["instances"][
-    "controller"
-]["start"]
+document = tomllib.loads((FOLDER / "tuned.toml").read_text())
+found = document["instances"]["controller"]["start"]
 best = {f"controller.{name}": value for name, value in found.items()}
 factors = np.array([0.6, 0.8, 1.0, 1.25, 1.5, 2.0])
 errors = {}

@@ -65,3 +65,8 @@ def test_the_helpers_are_those_of_the_other_tutorials(path: Path) -> None:
 @every_tutorial
 def test_the_script_leaves_nothing_behind(path: Path) -> None:
     assert path.read_text(encoding="utf-8").splitlines()[-1] == "temporary.cleanup()"
+
+
+@every_tutorial
+def test_nothing_is_hidden_from_the_notebook(path: Path) -> None:
+    assert "sphinx_gallery_start_ignore" not in path.read_text(encoding="utf-8")

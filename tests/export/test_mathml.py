@@ -430,6 +430,9 @@ def test_gaps_part_a_condition_from_its_equation() -> None:
         "y = f(x) (z)",
         "(" * 60 + "a" + ")" * 60,
         "y = " + "-" * 2000 + "a",
+        "y = " + " + ".join(["a"] * 5000),
+        "y = " + "^".join(["a"] * 5000),
+        "y = a" + "[k]" * 3000,
     ],
 )
 def test_what_could_mean_two_things_stays_text(line: str) -> None:

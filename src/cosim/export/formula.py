@@ -152,10 +152,9 @@ class _Writer:
 
     def whole(self) -> str:
         try:
-            tree = ast.parse(self.source, mode="eval").body
+            return self.write(ast.parse(self.source, mode="eval").body).xml
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             raise UnreadableError from error
-        return self.write(tree).xml
 
     def write(self, node: ast.expr) -> Written:
         match node:

@@ -45,6 +45,8 @@ _TOKEN = re.compile(
 _RELATIONS = {"=", "==", "!=", "<", ">", "<=", ">="}
 _BINARY = {"+", "-", "*", "/", "^", "**", "...", *_RELATIONS}
 _PREFIXES = {"+", "-", "+-"}
+NAME_WORDS = 4
+"""Largest number of words in the name of a quantity."""
 _BEFORE = "what_precedes"
 _OPENING = {"(": ")", "[": "]"}
 
@@ -217,19 +219,18 @@ def _remark(row: Sequence[Piece]) -> str:
 
 def _parts(read: Sequence[Piece]) -> str:
     """HTML of a line: its parts between gaps, text as text."""
-    parts: list[str] = [""]
+    parts: list[list[str]] = [[]]
     for piece in read:
         html = escape(piece.source, quote=False) if piece.kind == "text" else _math(formula(piece.tokens), piece.source)
-        if piece.joined and html[0] in ",;:)" and parts[-1].endswith("</math>"):
-            start = parts[-1].rindex("<math")
-            parts[-1] = f'{parts[-1][:start]}<span class="tight">{parts[-1][start:]}{html[0]}</span>{html[1:]}'
+        last = parts[-1]
+        if piece.joined and html[0] in ",;:)" and last and last[-1].endswith("</math>"):
+            last[-1] = f'<span class="tight">{last[-1]}{html[0]}</span>{html[1:]}'
         elif piece.gap:
-            parts.append(html)
+            parts.append([html])
         else:
-            parts[-1] += html if piece.joined or not parts[-1] else f" {html}"
-    if len(parts) == 1:
-        return parts[0]
-    return " ".join(f'<span class="part">{part}</span>' for part in parts)
+            last += [html] if piece.joined or not last else [" ", html]
+    texts = ["".join(part) for part in parts]
+    return texts[0] if len(texts) == 1 else " ".join(f'<span class="part">{text}</span>' for text in texts)
 
 
 def _math(content: str, source: str) -> str:
@@ -409,7 +410,7 @@ class _LineReader:
                 end = self.closing[end] + 1
             return end
         if PLAIN_WORD.fullmatch(token.text) and is_word(token):
-            while end < stop and self.name_goes_on(end):
+            while end < min(stop, n + NAME_WORDS) and self.name_goes_on(end):
                 end += 1
         return end
 
