@@ -356,6 +356,7 @@ def _finish(
         )
         return code
     console = standard_output()
+    console.print(f"[bold]{escape(str(result.metadata['description'] or result.metadata['system']))}[/]")
     console.print(_table(result, figures))
     # not in the table: its columns would be as wide as a time that differs each time
     seconds = result.metadata["stepping_seconds"]
@@ -391,7 +392,7 @@ def _real_time_factor(result: Result) -> float:
 def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
     """The table of a run: its length and its figures of merit."""
     facts = result.metadata
-    table = make_table("", "", "", right=("1",), whole=("1",), title=str(facts["description"] or facts["system"]))
+    table = make_table("", "", "", right=("1",), whole=("1",))
     table.add_row("Simulated", f"{facts['steps'] * facts['step_size']:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
     for instance, counts in result.solver.items():
