@@ -17,10 +17,12 @@ import subprocess
 import sys
 import tomllib
 import uuid
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from cyclonedx.contrib.license.factories import LicenseFactory
@@ -271,12 +273,29 @@ def bill_of_materials(root: Path, version: Version, wheel: bytes) -> str:
 
 
 def site_archive(site: Path, target: Path) -> None:
-    """The site as a zip with one folder; its bytes depend on its pages alone. Raises ValueError if there is none."""
-    files = {f"{target.stem}/{path.relative_to(site).as_posix()}": path for path in site.rglob("*") if path.is_file()}
+    """The site as a zip with one folder; its bytes depend on its pages alone. Raises ValueError if there is none.
+
+    Hidden files are left out: they are Sphinx's own, and tell times and folders. Zips within the site are packed anew,
+    without the times of their files.
+    """
+    files: dict[str, bytes | Path] = {}
+    for path in site.rglob("*"):
+        name = path.relative_to(site)
+        if path.is_file() and not any(part.startswith(".") for part in name.parts):
+            files[f"{target.stem}/{name.as_posix()}"] = _packed_anew(path) if path.suffix == ".zip" else path
     index = f"{target.stem}/index.html"
     if index not in files:
         raise ValueError(f"{site} holds no site: python -m docs.build")
     write_zip(target, files, index, files)
+
+
+def _packed_anew(path: Path) -> bytes:
+    """The content of an archive that has the same members as ``path`` and no times."""
+    with zipfile.ZipFile(path) as archive, TemporaryDirectory() as folder:
+        members = {name: archive.read(name) for name in archive.namelist()}
+        target = Path(folder) / path.name
+        write_zip(target, members, min(members), members)
+        return target.read_bytes()
 
 
 def write_sums(folder: Path) -> None:

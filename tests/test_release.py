@@ -34,6 +34,7 @@ def load() -> ModuleType:
 
 
 release: Any = load()
+FILES = ("index.html", "static/a.css", "static/a.zip")
 VERSION = release.Version("0.1.0", datetime(2026, 11, 26, tzinfo=UTC))
 
 
@@ -54,7 +55,14 @@ def tree(tmp_path: Path) -> Path:
     (site / "static").mkdir(parents=True)
     (site / "index.html").write_text("<h1>Start</h1>", encoding="utf-8")
     (site / "static" / "a.css").write_text("h1 {}", encoding="utf-8")
+    (site / ".buildinfo").write_text("of Sphinx", encoding="utf-8")
+    write_download(site / "static" / "a.zip", year=2001)
     return root
+
+
+def write_download(path: Path, year: int) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(zipfile.ZipInfo("a.py", (year, 1, 1, 0, 0, 0)), "print(1)")
 
 
 def write_changelog(root: Path, date: str = "2026-11-26", unreleased: str = "", entries: str = "- First.\n") -> None:
@@ -116,6 +124,7 @@ def test_the_files_of_a_release_are_the_same_twice(tree: Path, tmp_path: Path) -
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(path.read_bytes())
         os.utime(target, (1e9, 1e9))
+    write_download(other / "build" / "site" / "html" / "static" / "a.zip", year=2002)
     second = release.collect(other, VERSION)
     files = {path.name: path.read_bytes() for path in first.iterdir()}
     assert sorted(files) == [
@@ -140,7 +149,7 @@ def test_sums_are_those_of_the_files(tree: Path) -> None:
 def test_the_site_is_one_folder_of_a_zip(tree: Path) -> None:
     folder = release.collect(tree, VERSION)
     with zipfile.ZipFile(folder / "motion_cosim-0.1.0-docs.zip") as archive:
-        assert archive.namelist() == [f"motion_cosim-0.1.0-docs/{name}" for name in ("index.html", "static/a.css")]
+        assert archive.namelist() == [f"motion_cosim-0.1.0-docs/{name}" for name in FILES]
         assert archive.read("motion_cosim-0.1.0-docs/index.html") == b"<h1>Start</h1>"
 
 
