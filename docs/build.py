@@ -10,13 +10,11 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 from sphinx.cmd.build import main as sphinx
 
-from cosim.fmu.archive import write_zip
 from docs import equations
 from docs.generate import api, commands, components, contract, errors, explanations, formats
 
@@ -46,12 +44,7 @@ def build(*, quick: bool = False) -> int:
     os.environ.update(PATH=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", COLUMNS="80")
     options = ["-D", "plot_gallery=0", "-D", "run_commands=0"] if quick else []
     options += ["-d", str(SITE / "doctrees"), "-W", "--keep-going", "-q", "-b", "html"]
-    code = sphinx([*options, str(source), str(SITE / "html")])
-    for path in (SITE / "html").glob("_downloads/*/*.zip"):
-        with zipfile.ZipFile(path) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        write_zip(path, members, min(members))  # without the times of the build
-    return code
+    return sphinx([*options, str(source), str(SITE / "html")])
 
 
 if __name__ == "__main__":
