@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import shutil
 import signal
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,6 +21,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
 
 
@@ -52,3 +57,25 @@ def python() -> Path:
 def fmi3() -> Path:
     """The folder of the FMI 3.0 FMUs, every one current."""
     return built("fmi3")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium without a window; tests that need it are skipped where it cannot start, with the reason.
+
+    Of a module only: while playwright runs, its event loop is in the way of others.
+    """
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: install the extra test")
+    with contextlib.ExitStack() as resources:
+        try:
+            playwright = resources.enter_context(api.sync_playwright())
+        except Exception as error:
+            pytest.skip(f"the driver of playwright does not start: {error} (Debian: apt-get install libatomic1)")
+        own = playwright.chromium.executable_path
+        path = own if Path(own).exists() else next(filter(None, map(shutil.which, BROWSERS)), None)
+        if path is None:
+            pytest.skip("no Chromium on this machine (apt-get install chromium, or playwright install chromium)")
+        # Containers run as root, where Chromium starts only without its sandbox.
+        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield opened
+        opened.close()

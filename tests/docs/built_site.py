@@ -5,10 +5,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import shutil
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -125,26 +122,7 @@ def test_no_page_names_a_folder_of_this_machine() -> None:
     assert wrong == []
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: install the extra test")
-    with contextlib.ExitStack() as resources:
-        try:
-            playwright = resources.enter_context(api.sync_playwright())
-        except Exception as error:
-            pytest.skip(f"the driver of playwright does not start: {error} (Debian: apt-get install libatomic1)")
-        own = playwright.chromium.executable_path
-        names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
-        path = own if Path(own).exists() else next(filter(None, map(shutil.which, names)), None)
-        if path is None:
-            pytest.skip("no Chromium on this machine (apt-get install chromium, or playwright install chromium)")
-        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield opened
-        opened.close()
-
-
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 @pytest.mark.parametrize("name", SHOWN)
 def test_pages_fit_and_everybody_can_read_them(browser: Any, name: str, scheme: str, width: int) -> None:
     from axe_playwright_python.sync_playwright import Axe

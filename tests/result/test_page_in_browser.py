@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +11,7 @@ from recordings import result
 
 from cosim.result.run_report import report_run
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 SPIKE = 654_321
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: install the extra test")
-    with contextlib.ExitStack() as resources:
-        try:
-            playwright = resources.enter_context(api.sync_playwright())
-        except Exception as error:
-            pytest.skip(f"the driver of playwright does not start: {error} (Debian: apt-get install libatomic1)")
-        own = playwright.chromium.executable_path
-        path = own if Path(own).exists() else next(filter(None, map(shutil.which, NAMES)), None)
-        if path is None:
-            pytest.skip("no Chromium on this machine (apt-get install chromium, or playwright install chromium)")
-        # Containers run as root, where Chromium starts only without its sandbox.
-        opened = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
