@@ -48,6 +48,7 @@ LINKS = ("build", "docs", "fmus", "studies")
 def cleaned(text: str) -> str:
     """A program's output that is the same each time: no computing times, no folders of this machine, long
     sentences broken, no blanks at the ends of lines."""
+    text = text.replace(str(ROOT), "/checkout")  # its folders may have blanks in their names
     text = FOLDER.sub("", COMPUTING_TIME.sub("", _without_time_column(text)))
     lines: list[str] = []
     for line in text.splitlines():
