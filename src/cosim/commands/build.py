@@ -188,8 +188,9 @@ def _tell_drafts(workspace: Workspace, names: Sequence[str]) -> None:
         missing = missing_assets(path, name)
         if missing:
             place = folder(path, name)
-            shown = place.relative_to(workspace.root) if place.is_relative_to(workspace.root) else place
-            print_note(f"{name} is a draft. A release has more in {shown.as_posix()}: {', '.join(missing)}.")
+            inside = place.is_relative_to(workspace.root)
+            where = f" A release has them in {place.relative_to(workspace.root).as_posix()}." if inside else ""
+            print_note(f"{name} is a draft: its FMU lacks {', '.join(missing)}.{where}")
 
 
 def make_references(workspace: Workspace, names: Sequence[str]) -> int:
