@@ -185,6 +185,10 @@ def test_all_problems_are_listed_and_nothing_runs(place: Path, cosim: Run) -> No
         (["info", "two.toml/x.fmu"], "x.fmu"),
         (["study", "sham2010"], "Did you mean 'shams2010'?"),
         (["run"], "the following arguments are required: SYSTEM"),
+        ([], "run a system, or an FMU alone"),
+        (["runn"], "Did you mean 'run'?"),
+        (["identify", "frition"], "Did you mean 'friction'?"),
+        (["run", "two.toml", "--stoptime", "1"], "Did you mean '--stop-time'?"),
     ],
 )
 def test_what_is_wrong_with_the_arguments(place: Path, cosim: Run, arguments: list[str], text: str) -> None:

@@ -31,7 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     keep_to_one_thread()
     replace_missing_home()
     given = sys.argv[1:] if arguments is None else arguments
-    options = make_parser(*given[:1]).parse_args(given)
+    parser = make_parser(*given[:1])
+    if not given:
+        parser.print_help(sys.stderr)
+        return 2
+    options = parser.parse_args(given)
     return exit_code(lambda: options.command(options))
 
 

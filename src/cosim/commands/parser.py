@@ -6,7 +6,10 @@ import argparse
 import re
 import shutil
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NoReturn, cast
+
+from ..errors import suggest
 
 EXIT_CODES: Mapping[int, str] = {
     0: "done",
@@ -39,6 +42,30 @@ class Parser(argparse.ArgumentParser):
         for code, meaning in self.exit_codes.items():
             lines += textwrap.wrap(f"{code:<5}{meaning}", width, initial_indent="  ", subsequent_indent=" " * 7)
         return super().format_help() + "\n".join(lines) + "\n"
+
+    def error(self, message: str) -> NoReturn:
+        """End with usage and message; a word that is not known is answered with the nearest one."""
+        super().error(message + self._hint(message))
+
+    def _hint(self, message: str) -> str:
+        """The hint "Did you mean" for a choice or an option that is not known; else ""."""
+        if found := re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message, re.DOTALL):
+            name, known = found[1], re.findall(r"[\w.-]+", found[2])
+        elif found := re.search(r"unrecognized arguments: (?:.* )?(--[\w-]+)", message):
+            name, known = found[1], [*_options(self)]
+        else:
+            return ""
+        near = suggest(name, known)
+        return near if near.startswith(" Did") else ""
+
+
+def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """The options of a parser and of its commands."""
+    for action in parser._actions:  # pyright: ignore[reportPrivateUsage] - argparse has no other list
+        yield from action.option_strings
+        if isinstance(action, argparse._SubParsersAction):  # pyright: ignore[reportPrivateUsage]
+            for other in cast("Mapping[str, argparse.ArgumentParser]", action.choices).values():  # pyright: ignore[reportUnknownMemberType]
+                yield from _options(other)
 
 
 def broken(command: str) -> str:
