@@ -43,7 +43,10 @@ def _run(options: argparse.Namespace) -> int:
     step = f", step {fmu.step_size:g} s" if fmu.step_size is not None else ""
     stop = f", stop {fmu.stop_time:g} s" if fmu.stop_time is not None else ""
     path = fmu.path.relative_to(Path.cwd()) if fmu.path.is_relative_to(Path.cwd()) else fmu.path
-    console.print(f"{escape(str(path))}; FMI {fmu.fmi}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}")
+    console.print(
+        f"{escape(str(path))}; FMI {fmu.fmi}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}",
+        soft_wrap=True,
+    )
     whole = ("Variable", "Unit", "Start", "Range")
     table = make_table("Variable", "Unit", "Start", "Range", "Description", right=("Start",), whole=whole)
     causality = ""
