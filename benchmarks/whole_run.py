@@ -3,7 +3,7 @@
 The first makes the FMI calls of the same FMUs, written out (calls.c): what no master can do with fewer. The second
 includes the sources of the FMUs and calls their traced functions and integrator directly: no FMI, no checks. Both
 record the same columns; compiler, flags and target are those of the FMUs. Processor time, so that other work on the
-machine counts little; all take turns, medians of 5.
+machine counts little; all take turns, medians of 15.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SYSTEM = ROOT / "studies" / "shams2010" / "fsmc_5sin.toml"
 FMUS = ROOT / "build" / "fmus" / "native"
 NAMES = ("Trajectory", "FuzzySlidingMode", "BallscrewStage")
-REPEATS = 5
+REPEATS = 15
 
 STEPPER = {
     "Trajectory": """
@@ -198,11 +198,11 @@ def main() -> None:
     heads = ("What runs", "Times the same FMI calls", "Times the C program without FMI", "Times real time")
     for head in heads:
         table.add_column(head, justify="left" if head == heads[0] else "right")
-    calls, bare = (statistics.median(turns[name]) for name in names[2:])
-    rows: list[tuple[str, float, float, int]] = []
+    calls, bare = (turns[name] for name in names[2:])
+    rows: list[tuple[str | float, ...]] = []
     for name, times in turns.items():
-        seconds = statistics.median(times)
-        rows.append((name, round(seconds / calls, 2), round(seconds / bare, 2), round(stop / seconds)))
+        ratios = (statistics.median(a / b for a, b in zip(times, other, strict=True)) for other in (calls, bare))
+        rows.append((name, *(round(ratio, 2) for ratio in ratios), round(stop / statistics.median(times))))
         table.add_row(*map(str, rows[-1]))
     Console().print(table)
     Console().print(f"last positions differ by {difference:.1e} m")
