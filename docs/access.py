@@ -7,17 +7,14 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-SCROLLING = re.compile(r'<pre(?=[ >])|<div class="table-wrapper')
+SCROLLING = re.compile(r'<pre(?=[ >])|<div(?= class="table-wrapper)')
 
 
 def reachable(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
     """Gives blocks of code and wide tables, which scroll on narrow screens, a place in the order of tabs."""
     del app, page, template, doctree
     if "body" in context:
-        context["body"] = SCROLLING.sub(
-            lambda found: found[0].replace(" ", ' tabindex="0" ', 1) if " " in found[0] else f'{found[0]} tabindex="0"',
-            context["body"],
-        )
+        context["body"] = SCROLLING.sub(r'\g<0> tabindex="0"', context["body"])
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from docutils import nodes
 from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
+from docs.generate.markup import language_of
 from docs.shell import cleaned
 
 FILE = re.compile(
@@ -73,7 +74,7 @@ def _files_and_code(code: str, doctree: nodes.document) -> list[nodes.Node]:
     for found in FILE.finditer(code):
         parts += _listing(code[begin : found.start()], "Python")
         text = ast.literal_eval(found["text"])
-        content = _listing(text, {".py": "python"}.get(Path(found["name"]).suffix, Path(found["name"]).suffix[1:]))
+        content = _listing(text, language_of(found["name"]))
         wrapper = nodes.container("", nodes.caption("", "", nodes.literal("", found["name"])), *content)
         wrapper["literal_block"] = True
         wrapper["classes"].append("literal-block-wrapper")

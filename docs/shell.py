@@ -8,7 +8,7 @@
 
 All blocks of a page run in one folder, one after the other; a line that ends in a backslash goes on in the next one.
 A command that does not end with the exit code of the option ``exit`` (0) is a warning, which fails the build. Times and
-folders of this machine are taken out of what is shown. The option ``silent`` shows the commands only.
+folders of this machine are taken out of what is shown.
 
     ```{file} stage.toml
     description = "My stage"
@@ -31,6 +31,8 @@ from docutils import nodes
 from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+
+from docs.generate.markup import language_of
 
 ROOT = Path(__file__).resolve().parents[1]
 COMPUTING_TIME = re.compile(
@@ -92,7 +94,6 @@ class Run(Block):
         "exit": directives.nonnegative_int,
         "picture": directives.unchanged,
         "alt": directives.unchanged,
-        "silent": directives.flag,
     }
 
     def run(self) -> list[nodes.Node]:
@@ -101,8 +102,7 @@ class Run(Block):
             line = command.replace("\\\0", "\\\n")
             shown.append(f"$ {line}")
             if self.config.run_commands:
-                output = self.output(line, folder, self.options.get("exit", 0))
-                shown += [] if "silent" in self.options else [output]
+                shown.append(self.output(line, folder, self.options.get("exit", 0)))
         block = nodes.literal_block("\n".join(shown), "\n".join(shown), language="console")
         picture = [self.picture(folder)] if "picture" in self.options and self.config.run_commands else []
         return [block, *picture]
@@ -130,9 +130,7 @@ class File(Block):
         name, text = self.arguments[0], "\n".join(self.content) + "\n"
         folder = page_folder(self.env.app, self.env.docname)
         (folder / name).write_text(text, encoding="utf-8")
-        languages = {".py": "python", ".toml": "toml"}
-        language = languages.get(Path(name).suffix, "text")
-        shown: list[nodes.Node] = [nodes.literal_block(text, text, language=language, caption=name)]
+        shown: list[nodes.Node] = [nodes.literal_block(text, text, language=language_of(name))]
         if "run" in self.options and self.config.run_commands:
             output = self.output(f"python {name}", folder, 0)
             shown += [nodes.literal_block(output, output, language="text")] if output else []

@@ -29,7 +29,7 @@ from cosim.fmu.places import shipped_systems
 from cosim.study.claims import read_claims
 from cosim.system.system import System, read_system
 
-from .markup import escaped, fenced, found_by, literal, markdown
+from .markup import escaped, fenced, found_by, literal, markdown, table
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
@@ -81,7 +81,7 @@ def cards(room: str) -> str:
     ]
     listed = "\n".join(names)
     return "\n".join(
-        [*_table(("Icon", "Component", "What it is"), rows), "", f"```{{toctree}}\n:hidden:\n\n{listed}\n```"]
+        [table(("Icon", "Component", "What it is"), rows), "", f"```{{toctree}}\n:hidden:\n\n{listed}\n```"]
     )
 
 
@@ -138,16 +138,12 @@ def _tables(facts: Mapping[str, Any]) -> Iterator[str]:
 def _section(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
     """A heading and a table; nothing without rows. The first cell of a row is a name."""
     named = [(literal(str(row[0])), *map(_cell, row[1:])) for row in rows]
-    return [f"## {title}", "", *_table(heads, named), ""] if rows else []
+    return [f"## {title}", "", table(heads, named), ""] if rows else []
 
 
 def _cell(cell: Any) -> str:
     """Text of a cell; HTML stays HTML, in which Markdown's own marks are shown as they are."""
     return str(cell).translate(MARKS) if isinstance(cell, Markup) else escaped(str(cell))
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows)]
 
 
 def _validation(name: str, facts: Mapping[str, Any]) -> Iterator[str]:
@@ -229,7 +225,7 @@ def _use(name: str) -> Iterator[str]:
     yield from ("", fenced(text, "toml"))
     users = [use.name for use in shipped() if name in use.kinds.values()]
     if users:
-        yield from ("## Studies that use it", "", *_table(("Study", "Systems"), list(_studies(users))), "")
+        yield from ("## Studies that use it", "", table(("Study", "Systems"), list(_studies(users))), "")
     yield from _proofs(name)
 
 
@@ -267,7 +263,7 @@ def _proofs(name: str) -> Iterator[str]:
         )
         for (importer, version), found in runs.items()
     ]
-    yield from ("", *_table(("Importer", "Version", "FMU", "Largest difference"), rows))
+    yield from ("", table(("Importer", "Version", "FMU", "Largest difference"), rows))
 
 
 def _form(row: Mapping[str, Any]) -> str:

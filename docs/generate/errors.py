@@ -18,10 +18,9 @@ from pathlib import Path
 import cosim
 from cosim.commands.cli import main
 
-from .markup import fenced, literal, markdown
+from .markup import fenced, language_of, literal, markdown
 
 ROOT = Path(__file__).resolve().parents[2]
-LANGUAGES = {".toml": "toml", ".py": "python"}
 LINKED = ("build", "docs")
 """Folders of the source tree that an input may name."""
 
@@ -96,7 +95,7 @@ def _entry(wrong: Wrong) -> str:
     if wrong.prepare:
         lines += [fenced(wrong.prepare.strip(), "python")]
     for name, text in wrong.files.items():
-        lines += [f"{literal(name)}:", "", fenced(text.strip(), LANGUAGES.get(Path(name).suffix, "text"))]
+        lines += [f"{literal(name)}:", "", fenced(text.strip(), language_of(name))]
     if wrong.run:
         lines += [fenced(f"$ {wrong.run}\n{said}", "console", wrapped=True)]
     else:

@@ -10,7 +10,6 @@ import json
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from jinja2 import Environment, StrictUndefined
 from cosim.study import STATUSES, read_claims
 
 from . import failing, sampling, work
+from .markup import table
 
 ROOT = Path(__file__).resolve().parents[2]
 FIGURES = ROOT / "benchmarks" / "figures.json"
@@ -46,13 +46,6 @@ def write(folder: Path) -> None:
     missing = {status for kind in STATUSES.values() for status in kind if f"**{status}**" not in words}
     if missing:
         raise ValueError(f"explanations/reproduced.md does not explain {', '.join(sorted(missing))}")
-
-
-def table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table in Markdown."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    cells = [[f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in line] for line in lines]
-    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
 
 
 def claims() -> dict[str, Any]:

@@ -11,6 +11,8 @@ from typing import Any
 import cosim
 from cosim.result.plots import COLOURS, save
 
+from .markup import table
+
 SOURCE = """
 import os
 
@@ -50,7 +52,7 @@ FAILURES = {
 def measured(pictures: Path) -> dict[str, Any]:
     """A table of failures; draws processes.svg."""
     draw_processes(pictures / "processes.svg")
-    lines = ["| The FMU, in the step from 0.5 s | What is said | Rows kept |", "|---|---|---|"]
+    rows: list[tuple[str, str, str]] = []
     with TemporaryDirectory() as text:
         folder = Path(text)
         (folder / "failing.py").write_text(SOURCE, encoding="utf-8")
@@ -66,10 +68,10 @@ def measured(pictures: Path) -> dict[str, Any]:
             except cosim.RunError as error:
                 kept = error.result
                 assert kept is not None
-                lines.append(f"| {told} | {error} | {len(kept.time)}, up to {kept.time[-1]:g} s |")
+                rows.append((told, str(error), f"{len(kept.time)}, up to {kept.time[-1]:g} s"))
             else:
                 raise AssertionError(f"the FMU did not fail: {failure}")
-    return {"failures": "\n".join(lines)}
+    return {"failures": table(("The FMU, in the step from 0.5 s", "What is said", "Rows kept"), rows)}
 
 
 def draw_processes(path: Path) -> None:

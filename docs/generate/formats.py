@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 
 from cosim.master.metadata import METADATA
 
-from .markup import directive, fenced, found_by, literal, markdown
+from .markup import directive, fenced, found_by, language_of, literal, markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 WORDS = {"string": "text", "number": "number", "integer": "whole number", "boolean": "true or false", "object": "table"}
-LANGUAGES = {".toml": "toml", ".json": "json", ".csv": "text", ".py": "python"}
 HEAD = 6
 """Number of lines of a long file that are shown."""
 _LINE = re.compile(r"^% (keys|file|head|metadata) (\S+)$", re.MULTILINE)
@@ -49,7 +48,7 @@ def _filled(what: str, name: str) -> str:
     text = path.read_text(encoding="utf-8")
     if what == "head":
         text = "\n".join([*text.splitlines()[:HEAD], "..."])
-    return f"{literal(name)}:\n\n{fenced(text, LANGUAGES[path.suffix])}"
+    return f"{literal(name)}:\n\n{fenced(text, language_of(path.name))}"
 
 
 # ---- keys ----

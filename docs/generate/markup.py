@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from pathlib import PurePath
 
 _CODE = re.compile(r"``(.+?)``", re.DOTALL)
 _MARKS = re.compile(r"([\\`*_{}\[\]<>#|$~^&!])")
@@ -33,6 +35,18 @@ def fenced(text: str, language: str = "text", *, wrapped: bool = False) -> str:
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
     options = ":class: wrapped\n\n" if wrapped else ""
     return f"{fence}{{code-block}} {language}\n{options}{text.rstrip()}\n{fence}\n"
+
+
+def language_of(file: str) -> str:
+    """The language in which a file of this name is coloured."""
+    return {".json": "json", ".py": "python", ".toml": "toml"}.get(PurePath(file).suffix, "text")
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table. The cells are Markdown; numbers with a point are shown with six digits."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    cells = [[f"{cell:g}" if isinstance(cell, float) else str(cell) for cell in line] for line in lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
 
 
 def directive(name: str, argument: str = "", body: str = "", **options: str) -> str:

@@ -17,6 +17,8 @@ from cosim.design.stability import practical_limit
 from cosim.result.metrics import Array
 from cosim.result.plots import COLOURS, save
 
+from .markup import table
+
 STEP = 1e-3
 START = 0.01
 """Start of the runs, s: so a command that belongs to no sample, 0 before the first, is told from that of the first."""
@@ -84,17 +86,17 @@ def measured(pictures: Path) -> dict[str, Any]:
     found = {setting: used_samples(setting) for setting in SETTINGS}
     draw_samples(pictures / "samples.svg", [found[setting] for setting in SETTINGS[:2]])
     draw_staircases(pictures / "staircases.svg", found)
-    lines = ["| Setting | Age at the start of a step, ms | Mean age, ms |", "|---|---|---|"]
+    rows: list[tuple[str, str, str]] = []
     ages: list[float] = []
     for setting, (time, sample) in found.items():
         late = time >= 8 * STEP - 1e-9  # the first samples are those of the start
         age = 1e3 * (time - sample)[late]
         low, high = round(float(age.min()), 6), round(float(age.max()), 6)
         ages.append(float(np.mean(age)) + 0.5e3 * setting.step)
-        lines.append(f"| {setting.text} | {low:g}{f' to {high:g}' if high > low else ''} | {ages[-1]:.3g} |")
+        rows.append((setting.text, f"{low:g}" + (f" to {high:g}" if high > low else ""), f"{ages[-1]:.3g}"))
     limits = [practical_limit(cosim.read_system("maeda2008/gain", order=order)).stable for order in (None, "parallel")]
     return {
-        "ages": "\n".join(lines),
+        "ages": table(("Setting", "Age at the start of a step, ms", "Mean age, ms"), rows),
         "gain_sequential": f"{limits[0]:.0f}",
         "gain_parallel": f"{limits[1]:.0f}",
         "gain_lost": f"{100.0 * (1.0 - limits[1] / limits[0]):.0f}",

@@ -11,6 +11,8 @@ import cosim
 from cosim.result.plots import COLOURS, save
 from fmus.references.experiments import EXPERIMENTS
 
+from .markup import table
+
 ROOT = Path(__file__).resolve().parents[2]
 NAME, EXPERIMENT = "BallscrewStage", "reversals"
 TOLERANCES = tuple(10.0**-n for n in range(3, 12))
@@ -48,14 +50,11 @@ def measured(pictures: Path, benchmark: dict[str, Any]) -> dict[str, Any]:
         rows.append((tolerance, error, counters["rhs_evaluations"] / steps, counters["rejected"] / counters["steps"]))
     draw_work(pictures / "work.svg", rows)
     draw_others(pictures / "others.svg", benchmark["more"]["points"])
-    lines = [
-        "| `tolerance` | Largest error of an output, relative | Evaluations a step of 2 ms | Rejected |",
-        "|---|---|---|---|",
-    ]
-    lines += [f"| {t:.0e} | {e:.1e} | {n:.0f} | {100.0 * share:.0f} % |" for t, e, n, share in rows]
+    heads = ("`tolerance`", "Largest error of an output, relative", "Evaluations a step of 2 ms", "Rejected")
+    shown = [(f"{t:.0e}", f"{e:.1e}", f"{n:.0f}", f"{100.0 * share:.0f} %") for t, e, n, share in rows]
     ratios = [ratio for _, *row in benchmark["rows"] for ratio in row]
     return {
-        "work_table": "\n".join(lines),
+        "work_table": table(heads, shown),
         "work_outputs": ", ".join(wanted.columns),
         "work_least": f"{min(ratios):g}",
         "work_most": f"{max(ratios):g}",
