@@ -17,7 +17,7 @@ from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
 from docs.generate.markup import language_of
-from docs.shell import cleaned
+from docs.shell import cleaned, named
 
 FILE = re.compile(
     r"""(?:write\(\s*|\(FOLDER\ /\ )"(?P<name>[^"]+)"(?:,\s*|\)\.write_text\(\s*)
@@ -75,11 +75,7 @@ def _files_and_code(code: str, doctree: nodes.document) -> list[nodes.Node]:
         parts += _listing(code[begin : found.start()], "Python")
         text = ast.literal_eval(found["text"])
         content = _listing(text, language_of(found["name"]))
-        wrapper = nodes.container("", nodes.caption("", "", nodes.literal("", found["name"])), *content)
-        wrapper["literal_block"] = True
-        wrapper["classes"].append("literal-block-wrapper")
-        doctree.set_id(wrapper)
-        parts.append(wrapper)
+        parts.append(named(found["name"], content, doctree))
         begin = found.end()
     return parts + _listing(code[begin:], "Python")
 

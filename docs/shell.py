@@ -130,11 +130,21 @@ class File(Block):
         name, text = self.arguments[0], "\n".join(self.content) + "\n"
         folder = page_folder(self.env.app, self.env.docname)
         (folder / name).write_text(text, encoding="utf-8")
-        shown: list[nodes.Node] = [nodes.literal_block(text, text, language=language_of(name))]
+        content = nodes.literal_block(text, text, language=language_of(name))
+        shown: list[nodes.Node] = [named(name, [content], self.state.document)]
         if "run" in self.options and self.config.run_commands:
             output = self.output(f"python {name}", folder, 0)
             shown += [nodes.literal_block(output, output, language="text")] if output else []
         return shown
+
+
+def named(name: str, content: list[nodes.Node], document: nodes.document) -> nodes.container:
+    """A file on a page: its name above its content."""
+    wrapper = nodes.container("", nodes.caption("", "", nodes.literal("", name)), *content)
+    wrapper["literal_block"] = True
+    wrapper["classes"].append("literal-block-wrapper")
+    document.set_id(wrapper)
+    return wrapper
 
 
 def page_folder(app: Sphinx, page: str) -> Path:
