@@ -1,7 +1,8 @@
 /* The reference loop with the FMI calls of cosim written out: trajectory, controller and plant, 10 s at 10 kHz.
  *
  * calls TRAJECTORY CONTROLLER PLANT: the libraries of the FMUs; references.h has their GUIDs, value references and start
- * values (whole_run.py writes it). Prints the processor time of the loop in seconds and the last position.
+ * values (whole_run.py writes it). Prints the processor time in seconds from the start values to fmi2Terminate, and the
+ * last position.
  */
 #include <dlfcn.h>
 #include <stdio.h>
@@ -19,6 +20,7 @@ typedef struct {
     fmi2SetIntegerTYPE *set_integer;
     fmi2EnterInitializationModeTYPE *enter;
     fmi2ExitInitializationModeTYPE *leave;
+    fmi2TerminateTYPE *terminate;
 } Fmu;
 
 static void logger(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String m, ...) {
@@ -44,6 +46,7 @@ static Fmu loaded(const char *path, const char *guid) {
         (fmi2SetIntegerTYPE *)dlsym(library, "fmi2SetInteger"),
         (fmi2EnterInitializationModeTYPE *)dlsym(library, "fmi2EnterInitializationMode"),
         (fmi2ExitInitializationModeTYPE *)dlsym(library, "fmi2ExitInitializationMode"),
+        (fmi2TerminateTYPE *)dlsym(library, "fmi2Terminate"),
     };
     if (!fmu.instance || setup(fmu.instance, fmi2False, 0.0, 0.0, fmi2True, 10.0)) exit(4);
     return fmu;
@@ -55,6 +58,7 @@ int main(int argc, char **argv) {
     Fmu plant = loaded(argv[3], PLANT);
     const double shape[] = START_OF_SHAPE, sampling = 1e-4;
     const fmi2Integer kind = KIND;
+    const clock_t begin = clock();
     int failed = trajectory.set(trajectory.instance, shape_references, 2, shape) |
                  trajectory.set_integer(trajectory.instance, &kind_reference, 1, &kind) |
                  controller.set(controller.instance, &sampling_reference, 1, &sampling);
@@ -62,7 +66,6 @@ int main(int argc, char **argv) {
     for (int i = 0; i < 3; i++) failed |= all[i]->enter(all[i]->instance) | all[i]->leave(all[i]->instance);
     const int n = 100000;
     double *rows = malloc(sizeof(double) * 3 * (size_t)(n + 1)), u[5], command;
-    const clock_t begin = clock();
     failed |= trajectory.get(trajectory.instance, trajectory_outputs, 3, u);
     failed |= plant.get(plant.instance, plant_outputs, 2, u + 3);
     for (int k = 0; k <= n; k++) {
@@ -81,6 +84,8 @@ int main(int argc, char **argv) {
         failed |= plant.get(plant.instance, plant_outputs, 2, u + 3);
         if (failed) return 1;
     }
+    for (int i = 0; i < 3; i++)
+        if (all[i]->terminate(all[i]->instance) > fmi2Warning) return 1;
     printf("%.9f %.17g\n", (double)(clock() - begin) / CLOCKS_PER_SEC, rows[3 * n + 1]);
     return 0;
 }

@@ -3,7 +3,7 @@
 The first makes the FMI calls of the same FMUs, written out (calls.c): what no master can do with fewer. The second
 includes the sources of the FMUs and calls their traced functions and integrator directly: no FMI, no checks. Both
 record the same columns; compiler, flags and target are those of the FMUs. Processor time, so that other work on the
-machine counts little; all take turns, medians of 15.
+machine counts little; all take turns, medians of 31.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SYSTEM = ROOT / "studies" / "shams2010" / "fsmc_5sin.toml"
 FMUS = ROOT / "build" / "fmus" / "native"
 NAMES = ("Trajectory", "FuzzySlidingMode", "BallscrewStage")
-REPEATS = 15
+REPEATS = 31
 
 STEPPER = {
     "Trajectory": """
@@ -166,43 +166,48 @@ def compiled(folder: Path, name: str, arguments: Sequence[str]) -> Path:
     return folder / name
 
 
+def turns(run: Callable[[], object], programs: Sequence[Sequence[str]]) -> tuple[list[list[float]], set[float]]:
+    """Processor times in s of each turn, of ``run`` and of the programs, and the last positions in m of the latter."""
+    times: list[list[float]] = []
+    positions: set[float] = set()
+    for _ in range(REPEATS):
+        begin = time.process_time()
+        run()
+        turn = [time.process_time() - begin]
+        for program in programs:
+            printed = subprocess.run(program, capture_output=True, text=True, check=True).stdout.split()
+            turn.append(float(printed[0]))
+            positions.add(float(printed[1]))
+        times.append(turn)
+    return times, positions
+
+
 def main() -> None:
     """Measure and print."""
     system = read_system(SYSTEM)
     stop = 10.0
-    names = (
-        "cosim, instances loaded",
-        "cosim, loading the FMUs included",
-        "C program, same FMI calls",
-        "C program, no FMI",
-    )
-    turns: dict[str, list[float]] = {name: [] for name in names}
-    last: list[float] = []
     with TemporaryDirectory() as text:
         programs = (compile_calls(Path(text), system), [str(compile_program(Path(text)))])
+        # Not in turn with each other: after the libraries of one run are freed, the memory of the next is fetched anew.
         with Simulation(system) as simulation:
-            simulation.run()  # loads the compiled loop
-            for _ in range(REPEATS):
-                begin = time.process_time()
-                result = simulation.run()
-                turns[names[0]].append(time.process_time() - begin)
-                begin = time.process_time()
-                simulate(system)
-                turns[names[1]].append(time.process_time() - begin)
-                for name, program in zip(names[2:], programs, strict=True):
-                    printed = subprocess.run(program, capture_output=True, text=True, check=True).stdout.split()
-                    turns[name].append(float(printed[0]))
-                    last.append(float(printed[1]))
-    difference = max(abs(value - result["plant.position"][-1]) for value in last)
+            position = simulation.run()["plant.position"][-1]  # the first run loads the compiled loop
+            loaded, positions = turns(simulation.run, programs)
+        loading, _ = turns(lambda: simulate(system), programs)
+    difference = max(abs(value - position) for value in positions)
     table = Table(title="FSMC 5 sin t, three FMUs, 10 s at 10 kHz, three columns in memory")
     heads = ("What runs", "Times the same FMI calls", "Times the C program without FMI", "Times real time")
     for head in heads:
         table.add_column(head, justify="left" if head == heads[0] else "right")
-    calls, bare = (turns[name] for name in names[2:])
     rows: list[tuple[str | float, ...]] = []
-    for name, times in turns.items():
-        ratios = (statistics.median(a / b for a, b in zip(times, other, strict=True)) for other in (calls, bare))
-        rows.append((name, *(round(ratio, 2) for ratio in ratios), round(stop / statistics.median(times))))
+    for name, times, which in (
+        ("cosim, instances loaded", loaded, 0),
+        ("cosim, loading the FMUs included", loading, 0),
+        ("C program, same FMI calls", loaded, 1),
+        ("C program, no FMI", loaded, 2),
+    ):
+        ratios = (statistics.median(turn[which] / turn[other] for turn in times) for other in (1, 2))
+        speed = stop / statistics.median(turn[which] for turn in times)
+        rows.append((name, *(round(ratio, 2) for ratio in ratios), round(speed)))
         table.add_row(*map(str, rows[-1]))
     Console().print(table)
     Console().print(f"last positions differ by {difference:.1e} m")

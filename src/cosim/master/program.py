@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,12 @@ class Program:
     """The value references. They are kept here because the rows have only their addresses."""
     tables: Tables
     """The values of records and noise."""
+
+    @cached_property
+    def arrays(self) -> Mapping[str, loop.Unsigned]:
+        """The rows as arrays: ``step``, with the rows of the point before it, ``initial`` and ``outputs``."""
+        rows = {"step": self.point + self.step, "initial": self.initial, "outputs": self.outputs}
+        return {name: loop.array(part) for name, part in rows.items()}
 
     def reset(self, system: System) -> None:
         """Set all signals to their values before a run of ``system``, a variant of the same system."""

@@ -179,28 +179,29 @@ class Run:
         self.propagate()
         for slave in self.slaves:
             slave.exit_initialization()
-        self.evaluate(self.program.outputs)
+        self.evaluate("outputs")
 
     def propagate(self) -> None:
         """Carry outputs to inputs until nothing changes: two passes, unless there is a loop through initial values."""
         program = self.program
-        self.evaluate(program.outputs)
+        self.evaluate("outputs")
         for _ in range(MAX_PASSES):
             before = program.values.copy()
-            self.evaluate(program.initial)
+            self.evaluate("initial")
             if np.array_equal(before, program.values, equal_nan=True):
                 return
         text = f"outputs still change after {MAX_PASSES} passes of initialization; the loop may have no solution"
         self.notices.append(Message("master", self.time(), "Warning", "initialization", text))
         Log.sink(self.notices[-1])
 
-    def evaluate(self, rows: list[loop.Row]) -> None:
-        """Execute some rows at the start of the run, without recording.
+    def evaluate(self, part: str) -> None:
+        """Execute a part of ``Program.arrays`` at the start of the run, without recording.
 
         Values are not checked: they may be not finite until all outputs are known.
         """
         unrecorded = np.zeros(0, dtype=np.uint64), np.zeros((0, 0)), 1
-        self.loop(loop.array(rows), len(rows), unrecorded, end=0, last=0, check=False)
+        rows = self.program.arrays[part]
+        self.loop(rows, rows.size // loop.PROGRAM_COLUMNS, unrecorded, end=0, last=0, check=False)
         self.state[loop.ROWS] = 0
 
     def loop(
@@ -265,7 +266,7 @@ class Run:
         chunk = 64
         stop = self.last if pause is None else pause
         last = stop if pause is None else stop + 1
-        program = loop.array(self.program.point + self.program.step)
+        program = self.program.arrays["step"]
         split = len(self.program.point)
         every = self.system.decimation
         most = POINTS if self.program.tables.width else stop
@@ -333,9 +334,10 @@ class Run:
     def counters(self) -> dict[str, dict[str, float]]:
         found: dict[str, dict[str, float]] = {}
         for slave in self.slaves:
-            variables = [v for v in slave.fmu.variables.values() if v.name.startswith(SOLVER) and is_numeric(v)]
-            if variables:
-                found[slave.name] = {v.name.removeprefix(SOLVER): slave.get(v) for v in variables}
+            names = [v.name for v in slave.fmu.variables.values() if v.name.startswith(SOLVER) and is_numeric(v)]
+            if names:
+                values = slave.get_all(names)
+                found[slave.name] = {name.removeprefix(SOLVER): values[name] for name in names}
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
@@ -397,9 +399,9 @@ def make_result(
 
 def row_times(system: System, first: int, count: int, every: int = 1) -> NDArray[np.float64]:
     """The times in s of ``count`` rows, which are every ``every``-th row from row ``first`` on."""
-    times = np.arange(first, first + count * every, every, dtype=np.float64)
+    each = system.decimation
+    times = np.arange(first * each, (first + count * every) * each, every * each, dtype=np.float64)
     # In place, because the times of a long record can be as large as its rows.
-    times *= system.decimation
     times *= float(system.step_size)
     times += float(system.start_time)
     return times
