@@ -77,6 +77,8 @@ def checked_fields(
         findings.problem(
             "record.decimation", f"{decimation} is more than the {experiment.steps} steps of the run. Take less."
         )
+    elif decimation > 1 and experiment.steps:
+        findings.note("record.decimation", _rare_rows(decimation, experiment))
     evaluated = tuple(instances)
     if not findings.problems:
         evaluated = evaluation_order(instances, connections, experiment.order, findings)
@@ -131,6 +133,17 @@ def _signals_and_experiment(
         times = float(experiment.start_time), float(experiment.stop_time), float(experiment.step_size)
         check_times(signals, times, findings)
     return signals, experiment
+
+
+def _rare_rows(decimation: int, experiment: ExperimentTimes) -> str:
+    """What a decimation leaves out."""
+    step, missed = float(experiment.step_size), experiment.steps % decimation
+    last = float(experiment.stop_time) - missed * step
+    end = f" The last row is at {last:.9g} s, before the end of the run." if missed else ""
+    return (
+        f"figures and pictures are of the recorded rows, {decimation * step:.6g} s apart: peaks between them are not "
+        f"seen.{end}"
+    )
 
 
 def _units_of_inputs(
