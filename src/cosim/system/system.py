@@ -239,7 +239,7 @@ def read_system(
     if has_ending(path, ".ssp", ".ssd"):
         loaded, folder, notes = _read_ssp(path)
     elif has_ending(path, ".fmu"):
-        loaded = fmu_document(path)
+        loaded, notes = fmu_document(path, stop_time, step_size)
         overrides = full_names(loaded, overrides or {})
         record = None if record is None else list(full_names(loaded, dict.fromkeys(record)))
     else:
