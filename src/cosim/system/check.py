@@ -18,7 +18,7 @@ from .order import evaluation_order
 from .parts import Connection, Instance, Order, Ports, SignalSource, system_digest
 from .record import recorded_variables
 from .samples import check_steps
-from .values import fraction
+from .values import fraction, show_value
 
 KEYS = ("description", "connections", "experiment", "instances", "signals", "record")
 
@@ -65,6 +65,9 @@ def checked_fields(
     """
     findings = Findings(name, problems)
     findings.known_keys("", document, KEYS)
+    description = document.get("description", "")
+    if not isinstance(description, str):
+        findings.problem("description", f"must be a text, not {show_value(description)}.")
     instances = read_instances(document, Places(folder, fmus), findings)
     signals, experiment = _signals_and_experiment(document, instances, folder, findings)
     ports: dict[str, Ports] = {**{name: instance.fmu for name, instance in instances.items()}, **signals}
@@ -86,7 +89,7 @@ def checked_fields(
     order, tolerance = experiment.order, experiment.tolerance
     return SystemFields(
         name=name,
-        description=str(document.get("description", "")),
+        description=str(description),
         instances=tuple(instances.values()),
         signals=tuple(signals.values()),
         connections=connections,
