@@ -483,6 +483,10 @@ CASES: dict[str, tuple[list[tuple[str, str]], str]] = {
         [("[instances.plant]", '[record]\nvariables = ["plan.position"]\n[instances.plant]')],
         "record.variables: 'plan.position': no instance 'plan'. Did you mean 'plant'?",
     ),
+    "description that is no text": (
+        [('description = "A loop"', "description = 3")],
+        "description: must be a text, not 3.",
+    ),
     "recording nothing": (
         [("[instances.plant]", '[record]\nvariables = ["plant.x*"]\n[instances.plant]')],
         "record.variables: 'plant.x*' matches no input, output or local variable.",

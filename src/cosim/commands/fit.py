@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import Bar, common_arguments, print_note, show
+from .console import Bar, check_files, common_arguments, print_note, show, write_files
+from .parser import count
 
 if TYPE_CHECKING:
     from ..design.fit import Fitted
@@ -31,19 +32,18 @@ def add(commands: Any) -> None:
     )
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
     fit.add_argument("--base", metavar="NAME", help="the file that start.toml completes (default: none)")
-    fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    fit.add_argument("--workers", type=count, metavar="N", help="processes (default: one a core)")
     common_arguments(fit, _fit)
 
 
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
-    from ..files import check_writable
     from ..result.report import check_report
 
     if options.report is not None:
         check_report(options.report)
-    if options.output is not None:
-        check_writable(options.output / "start.toml")
+    start = None if options.output is None else options.output / "start.toml"
+    check_files(start)
     problem = fit.read_fit(options.file, fmus=options.fmus)
     for note in problem.notes:
         print_note(f"note: {note}")
@@ -54,15 +54,18 @@ def _fit(options: argparse.Namespace) -> int:
 
         look = fit.sensitivities if options.dry_run else fit.fit
         fitted = look(problem, workers=options.workers, progress=advance)
-    written = [] if options.output is None else fit.write_fit(fitted, options.output, base=options.base)
-    if options.report is not None:
+    _show(options, fitted)
+
+    def write_values(path: Path) -> None:
+        for written in fit.write_fit(fitted, path.parent, base=options.base):
+            print_note(f"Written: {written}")
+
+    def write_report(path: Path) -> None:
         from ..design.fit_report import write_page
 
-        written.append(write_page(fitted, options.report))
-    _show(options, fitted)
-    for path in written:
-        print_note(f"Written: {path}")
-    return 0
+        print_note(f"Written: {write_page(fitted, path)}")
+
+    return 0 if write_files((start, write_values), (options.report, write_report)) else 1
 
 
 def _show(options: argparse.Namespace, fitted: Fitted) -> None:
