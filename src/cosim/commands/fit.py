@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, common_arguments, print_note, show
+from .systems import base_argument
 
 if TYPE_CHECKING:
     from ..design.fit import Fitted
@@ -22,7 +23,7 @@ def add(commands: Any) -> None:
     )
     fit.examples = (
         "cosim fit docs/examples/your_machine/motor_fit.toml --dry-run",
-        "cosim fit docs/examples/your_machine/motor_fit.toml --output results/motor --base motor.toml",
+        "cosim fit docs/examples/your_machine/motor_fit.toml --output results/motor",
     )
     fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
     fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
@@ -30,7 +31,7 @@ def add(commands: Any) -> None:
         "--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and a .csv for each record"
     )
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
-    fit.add_argument("--base", metavar="NAME", help="the file that start.toml completes (default: none)")
+    base_argument(fit, "start.toml", "that of FIT")
     fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     common_arguments(fit, _fit)
 
@@ -38,6 +39,7 @@ def add(commands: Any) -> None:
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
     from ..files import check_writable
+    from ..fmu.places import base_name, shipped_file
     from ..result.report import check_report
 
     if options.report is not None:
@@ -45,6 +47,10 @@ def _fit(options: argparse.Namespace) -> int:
     if options.output is not None:
         check_writable(options.output / "start.toml")
     problem = fit.read_fit(options.file, fmus=options.fmus)
+    base = None
+    if options.output is not None:
+        system = options.base or shipped_file(problem.system, problem.folder)
+        base = base_name(system, options.output / "start.toml")
     for note in problem.notes:
         print_note(f"note: {note}")
     with Bar("Runs") as bar:
@@ -54,7 +60,7 @@ def _fit(options: argparse.Namespace) -> int:
 
         look = fit.sensitivities if options.dry_run else fit.fit
         fitted = look(problem, workers=options.workers, progress=advance)
-    written = [] if options.output is None else fit.write_fit(fitted, options.output, base=options.base)
+    written = [] if options.output is None else fit.write_fit(fitted, options.output, base=base)
     if options.report is not None:
         from ..design.fit_report import write_page
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from .console import check_plot, common_arguments, print_note, show
+from .systems import base_argument
 
 
 def add(commands: Any) -> None:
@@ -38,7 +39,7 @@ def add(commands: Any) -> None:
     nct.add_argument("--input", metavar="INST.VAR", help="input of the plant (default: plant.command)")
     nct.add_argument("--output", type=Path, metavar="FILE", help="write the curve (.csv)")
     nct.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the NCT (.toml)")
-    nct.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
+    base_argument(nct, "the start file")
     nct.add_argument("--plot", type=Path, metavar="FILE", help="draw the phase plane")
     common_arguments(nct, _identify)
     _add_friction(identify)
@@ -116,10 +117,14 @@ def _friction(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> int:
     from ..design import identify
+    from ..fmu.places import base_name
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
     check_plot(options.plot)
+    base = None
+    if options.start is not None and options.base is not None:
+        base = base_name(options.base, options.start)
     nct = identify.identify_nct(
         options.source,
         alpha=options.alpha,
@@ -134,7 +139,7 @@ def _identify(options: argparse.Namespace) -> int:
     if options.output is not None:
         identify.write_nct(nct, options.output)
     if options.start is not None:
-        identify.write_start(nct, options.start, gains=gains, base=options.base)
+        identify.write_start(nct, options.start, gains=gains, base=base)
     if options.plot is not None:
         identify.plot_nct(nct, options.plot)
     figures: list[tuple[str, float, str]] = [

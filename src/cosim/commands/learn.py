@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .console import Bar, check_plot, common_arguments, set_argument, show
-from .systems import given_values
+from .systems import base_argument, given_values
 
 
 def add(commands: Any) -> None:
@@ -36,7 +36,7 @@ def add(commands: Any) -> None:
         metavar="DIR",
         help="folder of the tables (default: results/pulses)",
     )
-    pulse.add_argument("--base", metavar="NAME", help="the file beside it that DIR/tables.toml completes")
+    base_argument(pulse, "DIR/tables.toml", "SYSTEM")
     pulse.add_argument(
         "--monitor", action="store_true", help="compare J with DIR/AXIS.json; learn anew above 1.5 times"
     )
@@ -48,9 +48,12 @@ def add(commands: Any) -> None:
 
 def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
+    from ..fmu.places import base_name
 
     check_plot(options.plot)
     values = given_values(options.values)
+    tables = options.output / "tables.toml"
+    base = base_name(options.base or options.system, tables)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}
     anew: list[str] = []
@@ -73,9 +76,8 @@ def _learn(options: argparse.Namespace) -> int:
             )
         anew.append(axis.pulse)
         pulse.save(learned[axis.pulse], file)
-    tables = options.output / "tables.toml"
     if anew:
-        pulse.write_start(learned, tables, base=options.base)
+        pulse.write_start(learned, tables, base=base)
     if options.plot is not None:
         pulse.plot_learned(learned, options.plot)
     content = {

@@ -292,7 +292,7 @@ def summary(fitted: Fitted) -> dict[str, Any]:
 
 
 def write_fit(fitted: Fitted, folder: Path, *, base: str | None = None) -> list[Path]:
-    """Write start.toml, fit.json, and for each record NAME.csv with measured and expected signals and their difference.
+    """Write start.toml, fit.json, and for each record NAME.csv with its measured and expected signals.
 
     ``base`` is the system file that start.toml extends. Returns the paths. Raises FileError.
     """

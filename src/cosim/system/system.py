@@ -2,8 +2,8 @@
 
 A system file is TOML::
 
-    base = "common.toml"                      # optional: the file that this file completes; it is in the same folder,
-                                              # or is a system that comes with cosim, such as "shams2010/fsmc_5sin"
+    base = "common.toml"                      # optional: the file that this file completes; relative to this file,
+                                              # or a system that comes with cosim, such as "shams2010/fsmc_5sin"
     description = "Two lags in a row"
     connections = [
         "source.position -> controller.position_ref",
