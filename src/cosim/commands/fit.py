@@ -101,4 +101,4 @@ def _show_comparisons(options: argparse.Namespace, fitted: Fitted) -> None:
         laps = f"{c.repeatability:.3g}" if c.repeatability == c.repeatability else "-"
         name = f"{c.record} {c.output}{' (not fitted)' if c.validates else ''}"
         rows.append((name, f"{c.rms:.4g}", f"{c.largest:.3g}", c.unit, f"{c.relative:.3g}", f"{c.fit:.4g}", laps))
-    show(options, {}, rows, "Record less system")
+    show(options, {}, rows, "Record minus system")

@@ -67,7 +67,7 @@ that ``0.1`` divides ``1.0``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -82,7 +82,7 @@ from .single import fmu_document, full_names
 from .values import start_value
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class System:
     """A checked system; ``read_system`` and ``make_system`` create it."""
 
@@ -103,13 +103,20 @@ class System:
     decimation: int
     notes: tuple[str, ...]
     """Remarks on things that are legal but may surprise."""
-    notes_of_file: tuple[str, ...] = field(repr=False)
+    notes_of_file: tuple[str, ...]
     """The part of ``notes`` that was found while the file was read."""
     digest: str
     """SHA-256 of everything that decides the results: FMUs, start values, connections, experiment."""
-    document: Mapping[str, Any] = field(repr=False)
-    folder: Path = field(repr=False)
-    fmus: Path | None = field(repr=False)
+    document: Mapping[str, Any]
+    folder: Path
+    fmus: Path | None
+
+    def __repr__(self) -> str:
+        instances = ", ".join(f"{instance.name} ({instance.fmu.name})" for instance in self.instances)
+        return (
+            f"<System {self.name}: {instances}; {self.steps} steps of {float(self.step_size):g} s "
+            f"from {float(self.start_time):g} s to {float(self.stop_time):g} s>"
+        )
 
     @property
     def parallel(self) -> bool:
