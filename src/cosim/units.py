@@ -86,7 +86,6 @@ def _base(factor: float = 1.0, offset: float = 0.0, **exponents: int) -> Unit:
 
 _PER_SECOND = _base(s=-1)
 
-
 _WORDS = {
     word: symbol
     for symbol, words in {

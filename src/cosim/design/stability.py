@@ -48,7 +48,10 @@ SERIES_BELOW = 0.05
 SWING = 50e-9
 """Smallest peak-to-peak value in m that counts as an oscillation."""
 KEPT = 0.8
-"""A sustained oscillation keeps at least this share of its size from the third quarter of a run to the last."""
+"""A sustained oscillation keeps at least this share of its size from the third quarter of a run to the last.
+
+Oscillations that decay lose more; beats of a sustained one lose less.
+"""
 CROSSINGS = 8
 """Least number of zero crossings in the last quarter; a signal with fewer is a creep, not an oscillation."""
 

@@ -22,7 +22,6 @@ ACCEPTED_TYPES = {
 }
 """For each input type, the output types it accepts (lossless conversions only)."""
 
-
 KEYS = ("from", "to", "factor", "factors", "offset", "units", "noise")
 
 
