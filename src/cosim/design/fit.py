@@ -30,7 +30,7 @@ from .fit_statistics import NORMAL, Peak, Spread, Weak, agreement, peaks, repeat
 from .workers import check_workers
 
 ALIKE = 0.99
-"""Pairs of values with a larger correlation are reported."""
+"""Pairs of values with a larger correlation are reported: the records hardly tell them apart."""
 
 Advance = Callable[[int, float], None]
 """Function called with the number of runs so far and the best sum of squares divided by the number of samples."""

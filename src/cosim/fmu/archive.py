@@ -13,13 +13,13 @@ from ..errors import DescriptionError
 from ..files import Replacement
 
 MAX_MEMBERS = 20_000
-
+"""Largest number of files in an FMU. An FMU with a Python environment inside has some thousand."""
 
 MAX_MEMBER_BYTES = 512 * 2**20
-
+"""Largest size in bytes of a file in an FMU, unpacked. It leaves room for large tables and libraries."""
 
 MAX_TOTAL_BYTES = 2**30
-
+"""Largest size in bytes of all files of an FMU, unpacked: a small archive can unpack to any size."""
 
 Choice = Callable[[str], bool]
 """A function of a member's name that selects members."""

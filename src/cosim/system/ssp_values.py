@@ -22,7 +22,6 @@ from .ssp_units import ConnectorUnits, NamedUnit, conversion, defined_units
 SET = "application/x-ssp-parameter-set"
 MAPPING = "application/x-ssp-parameter-mapping"
 
-
 SHOWN_NAMES = 3
 """Largest number of unknown names that a note lists."""
 
