@@ -215,6 +215,8 @@ class _Reader:
         if self.problems:
             raise DescriptionError(self.problems)
         records = tuple(self._record(name, read[name], systems[name], columns[name], references[name]) for name in read)
+        if self.problems:
+            raise DescriptionError(self.problems)
         outputs = tuple(self._output(name, unit, records) for name, unit in units.items())
         free = self._free(first, outputs, systems)
         for record in records:
