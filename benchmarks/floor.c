@@ -3,6 +3,7 @@
  * floor LIBRARY STEPS: sets, steps and reads two instances of the library's FMU, coupled y -> u both ways, keeps both
  * outputs of every step in memory, and prints the seconds of the steps.
  */
+#define _POSIX_C_SOURCE 199309L /* clock_gettime */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>

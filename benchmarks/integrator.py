@@ -13,11 +13,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
-import subprocess
-import sys
 import time
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -28,13 +24,13 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from figures import Kept, keep
+from programs import compile_c, extract_sources
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
 from sksundae.cvode import CVODE
 
 from cosim import read_system, simulate
-from cosim.export.compile import FLAGS
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -133,16 +129,9 @@ class Stage:
     """The FMU's equations and integrator, compiled from the sources in it."""
 
     def __init__(self, folder: Path) -> None:
-        with zipfile.ZipFile(STAGE) as archive:
-            for member in archive.namelist():
-                if member.startswith("sources/"):
-                    archive.extract(member, folder)
+        extract_sources(STAGE, folder)
         (folder / "shim.c").write_text(SHIM)
-        library = folder / "shim.so"
-        flags = [flag for flag in FLAGS if flag not in ("-Wall", "-Wextra", "-Werror", "-s")]
-        command = [sys.executable, "-m", "ziglang", "cc", *flags, "-w", "shim.c", "-o", str(library), "-lm"]
-        environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(ROOT / "build" / "cache" / "zig")}
-        subprocess.run(command, cwd=folder, check=True, env=environment)
+        library = compile_c(folder / "shim.so", "shim.c", "-lm", library=True)
         self.library = ctypes.CDLL(str(library))
         self.library.prepare.restype = POINTER
         self.nominals = np.array(self.library.prepare()[:N])

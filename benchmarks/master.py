@@ -18,7 +18,6 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import fmpy
 from rich.console import Console
 from rich.table import Table
 
@@ -30,6 +29,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from figures import Kept, keep  # noqa: E402
 from fmu_files import Variable, probe_library, write_fmu  # noqa: E402
 from peers import PEERS  # noqa: E402
+from programs import compile_c  # noqa: E402
 
 ENVIRONMENT = ROOT / "build" / "peers"
 PACKAGES = ("fmu-manipulation-toolbox", "ecospy", "cofmupy")
@@ -55,15 +55,6 @@ def install_peers() -> None:
     subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True)
     for package in PACKAGES:
         subprocess.run([str(peers_python()), "-m", "pip", "install", "--quiet", package], check=False)
-
-
-def compile_floor(folder: Path) -> Path:
-    program = folder / "floor"
-    include = Path(fmpy.__file__).parent / "c-code"
-    source = Path(__file__).with_name("floor.c")
-    command = [sys.executable, "-m", "ziglang", "cc", "-O2", f"-I{include}", "-o", str(program), str(source), "-ldl"]
-    subprocess.run(command, check=True)
-    return program
 
 
 def peer(name: str, folder: Path) -> tuple[float, str]:
@@ -112,7 +103,7 @@ def main() -> int:
         library = probe_library()
         for name in "ab":
             write_fmu(folder / f"{name}.fmu", VARIABLES, binary=library.read_bytes())
-        floor = compile_floor(folder)
+        floor = compile_c(folder / "floor", str(Path(__file__).with_name("floor.c")), "-ldl")
         document = {
             "connections": ["a.y -> b.u", "b.y -> a.u"],
             "experiment": {"stop_time": STEPS // 10, "step_size": 0.1},

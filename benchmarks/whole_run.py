@@ -8,23 +8,20 @@ machine counts little; all take turns, medians of 31.
 
 from __future__ import annotations
 
-import os
 import statistics
 import subprocess
-import sys
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import fmpy
 from figures import Kept, keep
+from programs import compile_c, extract_sources
 from rich.console import Console
 from rich.table import Table
 
 from cosim import Simulation, System, read_system, simulate
-from cosim.export.compile import FLAGS, TARGETS, host_platform
 
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEM = ROOT / "studies" / "shams2010" / "fsmc_5sin.toml"
@@ -95,17 +92,14 @@ def compile_program(folder: Path) -> Path:
     units = ["main.c"]
     (folder / "main.c").write_text(MAIN)
     for name in NAMES:
-        with zipfile.ZipFile(FMUS / f"{name}.fmu") as archive:
-            for member in archive.namelist():
-                if member.startswith("sources/"):
-                    archive.extract(member, folder / name)
+        extract_sources(FMUS / f"{name}.fmu", folder / name)
         unit = f"{name}.c"
         body = STEPPER[name].format(start=START)
         (folder / unit).write_text(
             f'#define FMI2_EXPORT static\n#include "{name}/sources/model.c"\nstatic State s;\n{body}'
         )
         units.append(unit)
-    return compiled(folder, "program", [*units, "-lm"])
+    return compile_c(folder / "program", *units, "-lm")
 
 
 def compile_calls(folder: Path, system: System) -> list[str]:
@@ -151,19 +145,8 @@ def compile_calls(folder: Path, system: System) -> list[str]:
         assert library is not None
         with zipfile.ZipFile(fmus[name].path) as archive:
             libraries.append(archive.extract(library, folder / name))
-    headers = [f"-I{Path(fmpy.__file__).parent / 'c-code'}", f"-I{folder}"]
-    program = compiled(folder, "calls", [*headers, str(Path(__file__).with_name("calls.c")), "-ldl"])
+    program = compile_c(folder / "calls", str(Path(__file__).with_name("calls.c")), "-ldl")
     return [str(program), *libraries]
-
-
-def compiled(folder: Path, name: str, arguments: Sequence[str]) -> Path:
-    """A program compiled as the FMUs are. Without a target, the compiler would use all that this processor has."""
-    flags = [flag for flag in FLAGS if flag not in ("-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", "-s")]
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[host_platform()][0][0]]
-    command += [*flags, "-w", *arguments, "-o", str(folder / name)]
-    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(ROOT / "build" / "cache" / "zig")}
-    subprocess.run(command, cwd=folder, check=True, env=environment)
-    return folder / name
 
 
 def turns(run: Callable[[], object], programs: Sequence[Sequence[str]]) -> tuple[list[list[float]], set[float]]:

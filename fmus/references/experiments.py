@@ -27,8 +27,8 @@ from fmus.sources.trajectory import TrajectoryKind
 
 Signal = Callable[[float], float]
 TWO_PI = 6.283185307179586
-STEP = 2.0**-9
-"""1.953125 ms: k*STEP is exact in binary numbers and in whole nanoseconds, in which some importers count time."""
+STEP = Validation.step_size
+"""The step size of the experiments in s, and the sampling time of most controllers in them."""
 
 
 def constant(value: float) -> Signal:
@@ -87,14 +87,25 @@ MICRO = tracking(10e-6, 2.0, 0.4e-6, 8.75)
 NCTF = {name: signal for name, signal in tracking(1e-3, 1.0, 0.1e-3, 5.6).items() if name != "acceleration_ref"}
 """Motion with errors around the linear part of the NCT."""
 
+HEAVY = {"m": 80.0, "v_s": 5.0, "sigma_1": 30.0}
+"""A heavier ballscrew stage than at the start values, with a wider Stribeck curve and less damping of its bristles."""
+DRIFT = {"F_C_negative": 0.8, "F_S_negative": 0.9, "drift_amplitude": 0.1, "drift_frequency": 6.0}
+"""Friction that is less in negative direction and drifts during the experiment."""
+REVERSALS = {"command": sine(17.0, 10.6, 2.0), "load_torque": after(0.1, constant(1.5))}
+"""Torque of a ballscrew stage that reverses it several times, with a load from 0.1 s on."""
+DIFFERENCED: Mapping[str, Any] = {"velocity_source": VelocitySource.difference, "velocity_filter_time": 4e-3}
+"""A controller that takes the velocity from differences of the measured position."""
+FALLING_DAMPING = {"sigma_0_hat": 1e4, "sigma_1_hat": 60.0, "v_s_hat": 5.0, "v_d_hat": 4.0}
+"""The friction model of a controller, with a damping of its bristles that falls with speed."""
+DISTURBED = {**MICRO, "disturbance_estimate": after(0.12, constant(0.02))}
+"""The motion of a linear motor axis, with a disturbance from 0.12 s on."""
 MOVES = {"out_and_back": True, "dwell": 0.05}
-
+"""A trajectory that moves there and back."""
 
 COMPLIANT = (
     Validation(
         name="reversals",
         description="Presliding, break-away and reversals with drifting Stribeck friction, a load on the table",
-        step_size=STEP,
         steps=128,
         shown=("position", "velocity", "nut_force"),
         parameters={
@@ -115,7 +126,6 @@ COMPLIANT = (
     Validation(
         name="backlash",
         description="Started at speed, impacts in the dead band of the nut, friction of guide and motor, a limit",
-        step_size=STEP,
         steps=100,
         shown=("velocity", "nut_force", "guide_force"),
         parameters={
@@ -140,7 +150,6 @@ COMPLIANT = (
     Validation(
         name="falling damping",
         description="Break-away and reversals, the damping of the bristles at screw and guide falls with speed",
-        step_size=STEP,
         steps=96,
         shown=("position", "friction_torque", "guide_force"),
         parameters={
@@ -160,7 +169,6 @@ LINEAR = (
     Validation(
         name="cutting",
         description="Cutting with run-out from 30 ms on, motor force in and out of its limit",
-        step_size=STEP,
         steps=128,
         shown=("position", "motor_force", "cutting_force"),
         parameters={
@@ -176,7 +184,6 @@ LINEAR = (
     Validation(
         name="ploughing",
         description="The work on the axis, cutting and ploughing in part of a turn, position measured with 1 nm",
-        step_size=STEP,
         steps=100,
         shown=("position", "velocity", "cutting_force"),
         parameters={
@@ -197,9 +204,7 @@ LINEAR = (
 def driven(validation: Validation, drive: str, **parameters: Any) -> Validation:
     """An experiment of a plant, made for the same plant with a drive; ``drive`` describes the effect of the drive."""
     return replace(
-        validation,
-        description=f"{validation.description}; {drive}",
-        parameters={**validation.parameters, **parameters},
+        validation, description=f"{validation.description}; {drive}", parameters={**validation.parameters, **parameters}
     )
 
 
@@ -208,13 +213,10 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="reversals",
             description="Presliding, then break-away and reversals in saturation, asymmetric drifting friction",
-            step_size=STEP,
             steps=128,
             shown=("position", "velocity", "friction_torque"),
             parameters={
-                "m": 80.0,
-                "v_s": 5.0,
-                "sigma_1": 30.0,
+                **HEAVY,
                 "command_max": 14.0,
                 "F_C_negative": 0.8,
                 "F_S_negative": 0.9,
@@ -231,7 +233,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="play",
             description="Started at speed, reversals through the play, position measured with 1 um",
-            step_size=STEP,
             steps=96,
             shown=("position", "velocity"),
             parameters={
@@ -246,7 +247,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="falling damping",
             description="Presliding, break-away and reversals with a damping of the bristles that falls with speed",
-            step_size=STEP,
             steps=96,
             shown=("position", "velocity", "friction_torque"),
             parameters={"m": 80.0, "v_s": 4.0, "sigma_1": 40.0, "v_d": 2.0},
@@ -257,16 +257,14 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="presliding",
             description="Loads that stay elastic, then loops that reach into slip, and break-away",
-            step_size=STEP,
             steps=128,
             shown=("position", "velocity", "friction_torque"),
-            parameters={"m": 80.0, "v_s": 5.0, "sigma_1": 30.0, "v_d": 0.5, "elastic_share": 0.6},
+            parameters={**HEAVY, "v_d": 0.5, "elastic_share": 0.6},
             stimuli={"command": total(sine(3.5, 16.0), after(2.0**-4, sine(4.5, 8.0)), after(0.17, sine(9.0, 6.4)))},
         ),
         Validation(
             name="reversals",
             description="Started at speed, reversals, asymmetric drifting friction, position measured with 1 um",
-            step_size=STEP,
             steps=96,
             shown=("position", "velocity", "friction_torque"),
             parameters={
@@ -274,14 +272,11 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
                 "sigma_0": 1e4,
                 "sigma_1": 10.0,
                 "v_d": 3.0,
-                "F_C_negative": 0.8,
-                "F_S_negative": 0.9,
-                "drift_amplitude": 0.1,
-                "drift_frequency": 6.0,
+                **DRIFT,
                 "velocity_start": 4e-3,
                 "resolution": 1e-6,
             },
-            stimuli={"command": sine(17.0, 10.6, 2.0), "load_torque": after(0.1, constant(1.5))},
+            stimuli=REVERSALS,
         ),
     ),
     "BallscrewStageMaxwellSlip": (
@@ -289,17 +284,15 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
             name="presliding",
             description="Nested loops below break-away, then break-away",
             solution=maxwell_slip.solution,
-            step_size=STEP,
             steps=128,
             shown=("position", "velocity", "friction_torque"),
-            parameters={"m": 80.0, "v_s": 5.0, "sigma_1": 30.0, "v_d": 0.2},
+            parameters={**HEAVY, "v_d": 0.2},
             stimuli={"command": total(sine(4.0, 16.0), after(2.0**-4, sine(3.0, 8.0)), after(0.17, sine(9.0, 6.4)))},
         ),
         Validation(
             name="reversals",
             description="Started at speed, reversals, asymmetric drifting friction, position measured with 1 um",
             solution=maxwell_slip.solution,
-            step_size=STEP,
             steps=96,
             shown=("position", "velocity", "friction_torque"),
             parameters={
@@ -309,21 +302,17 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
                 "k": (5e4, 2e4, 1e4, 5e3),
                 "alpha": (0.4, 0.3, 0.2, 0.1),
                 "C": 300.0,
-                "F_C_negative": 0.8,
-                "F_S_negative": 0.9,
-                "drift_amplitude": 0.1,
-                "drift_frequency": 6.0,
+                **DRIFT,
                 "velocity_start": 4e-3,
                 "resolution": 1e-6,
             },
-            stimuli={"command": sine(17.0, 10.6, 2.0), "load_torque": after(0.1, constant(1.5))},
+            stimuli=REVERSALS,
         ),
     ),
     "BallscrewAxis": (
         Validation(
             name="rising friction",
             description="Friction that rises with speed, ripple, a drive with lag, in and out of its voltage limit",
-            step_size=STEP,
             steps=128,
             shown=("position", "drive_torque", "friction_torque"),
             parameters={
@@ -346,7 +335,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="errors of lead and encoder",
             description="Reversals with play, the lead long and uneven, an encoder with interpolation error and steps",
-            step_size=STEP,
             steps=96,
             shown=("position", "velocity"),
             parameters={
@@ -395,7 +383,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="moves",
             description="Moves in and out of the limit of the command, a disturbance, position measured with 1 um",
-            step_size=STEP,
             steps=100,
             shown=("position", "velocity"),
             parameters={
@@ -412,7 +399,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="boundary layer",
             description="Inside and outside the boundary layer, friction model on the reference velocity",
-            step_size=STEP,
             steps=128,
             shown=("command", "sliding_surface"),
             parameters={"T_s": STEP, "J_hat": 4e-4, "lambda_": 30.0, "v_s_hat": 5.0},
@@ -421,15 +407,13 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="integral surface",
             description="Surface with integral, differenced velocity, command limited, two steps a sample",
-            step_size=STEP,
             steps=96,
             shown=("command", "sliding_surface"),
             parameters={
                 "T_s": 2.0 * STEP,
                 "integral_surface": True,
                 "lambda_": 20.0,
-                "velocity_source": VelocitySource.difference,
-                "velocity_filter_time": 4e-3,
+                **DIFFERENCED,
                 "friction_velocity": FrictionVelocity.measured,
                 "command_max": 20.0,
             },
@@ -438,16 +422,12 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="falling damping",
             description="Friction model on the measured velocity, the damping of its bristles falls with speed",
-            step_size=STEP,
             steps=64,
             shown=("command", "sliding_surface"),
             parameters={
                 "T_s": STEP,
                 "lambda_": 30.0,
-                "sigma_0_hat": 1e4,
-                "sigma_1_hat": 60.0,
-                "v_s_hat": 5.0,
-                "v_d_hat": 4.0,
+                **FALLING_DAMPING,
                 "friction_velocity": FrictionVelocity.measured,
             },
             stimuli=STAGE,
@@ -457,7 +437,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="boundary layer",
             description="Inside and outside the boundary layer, friction model on the measured velocity",
-            step_size=STEP,
             steps=128,
             shown=("command", "complementary_surface"),
             parameters={
@@ -478,8 +457,7 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
             parameters={
                 "T_s": STEP,
                 "lambda_": 25.0,
-                "velocity_source": VelocitySource.difference,
-                "velocity_filter_time": 4e-3,
+                **DIFFERENCED,
                 "friction_velocity": FrictionVelocity.none,
                 "command_max": 12.0,
             },
@@ -488,17 +466,13 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="falling damping",
             description="Friction model on the reference velocity, the damping of its bristles falls with speed",
-            step_size=STEP,
             steps=64,
             shown=("command", "complementary_surface"),
             parameters={
                 "T_s": STEP,
                 "lambda_": 20.0,
                 "eta": 40.0,
-                "sigma_0_hat": 1e4,
-                "sigma_1_hat": 60.0,
-                "v_s_hat": 5.0,
-                "v_d_hat": 4.0,
+                **FALLING_DAMPING,
                 "friction_velocity": FrictionVelocity.reference,
             },
             stimuli=STAGE,
@@ -508,7 +482,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="rules",
             description="All nine rules, friction model on the reference velocity",
-            step_size=STEP,
             steps=128,
             shown=("command", "fuzzy_command"),
             parameters={"T_s": STEP, "G_u": 60.0, "lambda_": 30.0, "v_s_hat": 5.0},
@@ -517,14 +490,12 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="limited",
             description="Command limited and integral held, friction model on a differenced velocity",
-            step_size=STEP,
             steps=64,
             shown=("command", "sliding_surface"),
             parameters={
                 "T_s": STEP,
                 "lambda_": 25.0,
-                "velocity_source": VelocitySource.difference,
-                "velocity_filter_time": 4e-3,
+                **DIFFERENCED,
                 "friction_velocity": FrictionVelocity.measured,
                 "command_max": 25.0,
             },
@@ -533,17 +504,13 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="falling damping",
             description="Friction model on the measured velocity, the damping of its bristles falls with speed",
-            step_size=STEP,
             steps=64,
             shown=("command", "fuzzy_command"),
             parameters={
                 "T_s": STEP,
                 "G_u": 60.0,
                 "lambda_": 30.0,
-                "sigma_0_hat": 1e4,
-                "sigma_1_hat": 60.0,
-                "v_s_hat": 5.0,
-                "v_d_hat": 4.0,
+                **FALLING_DAMPING,
                 "friction_velocity": FrictionVelocity.measured,
             },
             stimuli=STAGE,
@@ -553,7 +520,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="point to point",
             description="A move of 0.5 mm: saturation with the integrator held, approach, overshoot, a step back",
-            step_size=STEP,
             steps=128,
             shown=("command", "error", "velocity_hat"),
             parameters={"T_s": STEP, "K_P": 1200.0, "sensor_resolution": 1.7e-9, "velocity_filter_time": 2e-3},
@@ -565,7 +531,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="delayed",
             description="Command a sample late, velocity from its input, no anti-windup",
-            step_size=STEP,
             steps=64,
             shown=("command", "rate_error"),
             parameters={
@@ -576,18 +541,13 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
                 "command_max": 3.0,
                 "velocity_source": VelocitySource.input,
             },
-            stimuli={
-                "position_ref": constant(5e-5),
-                "position": sine(6e-5, 5.0),
-                "velocity": slope(6e-5, 5.0),
-            },
+            stimuli={"position_ref": constant(5e-5), "position": sine(6e-5, 5.0), "velocity": slope(6e-5, 5.0)},
         ),
     ),
     "NctfFuzzy": (
         Validation(
             name="proposed",
             description="Variant proposed with the exact centroid, errors around the linear part of the NCT",
-            step_size=STEP,
             steps=100,
             shown=("command", "u_p", "u_i"),
             parameters={"T_s": STEP, "h_zero": 0.02, "u_i_zero": 2e-3, "command_max": 5.0},
@@ -596,7 +556,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="existing",
             description="Variant existing with singletons, differenced velocity, about a fixed target",
-            step_size=STEP,
             steps=64,
             shown=("command", "u_p"),
             parameters={
@@ -614,7 +573,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="grid",
             description="Centroid over a grid of 21 points, near a fixed target",
-            step_size=STEP,
             steps=48,
             shown=("command", "u_i"),
             parameters={
@@ -631,16 +589,14 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="tracking",
             description="A sine with errors, differenced velocity, a disturbance estimate",
-            step_size=STEP,
             steps=128,
             shown=("force", "error", "beta"),
             parameters={"T_s": STEP, "K_v": 40.0, "K_i": 5.0, "velocity_filter_time": 4e-3},
-            stimuli={**MICRO, "disturbance_estimate": after(0.12, constant(0.02))},
+            stimuli=DISTURBED,
         ),
         Validation(
             name="limited",
             description="Velocity from its input, command limited and integrator held, two steps a sample",
-            step_size=STEP,
             steps=64,
             shown=("command", "beta"),
             parameters={
@@ -657,16 +613,14 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="super-twisting",
             description="The surface crossed often, differenced velocity, a disturbance estimate",
-            step_size=STEP,
             steps=128,
             shown=("force", "sliding_surface"),
             parameters={"T_s": STEP, "W": 0.2, "mu": 30.0, "velocity_filter_time": 4e-3},
-            stimuli={**MICRO, "disturbance_estimate": after(0.12, constant(0.02))},
+            stimuli=DISTURBED,
         ),
         Validation(
             name="relay",
             description="Relay in place of the integral, velocity from its input, command limited",
-            step_size=STEP,
             steps=64,
             shown=("command", "sliding_surface"),
             parameters={
@@ -683,7 +637,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="force before",
             description="The force of the sample before, with a step; differenced velocity",
-            step_size=STEP,
             steps=128,
             shown=("disturbance_estimate", "velocity_estimate"),
             parameters={"T_s": STEP, "g": 150.0, "m_hat": 9.0, "velocity_filter_time": 4e-3},
@@ -695,7 +648,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="force present",
             description="The force of this sample, velocity from its input, two steps a sample",
-            step_size=STEP,
             steps=64,
             shown=("disturbance_estimate",),
             parameters={
@@ -711,7 +663,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="look-ahead",
             description="Feed-forward by look-ahead, differenced motor velocity, friction pulse, out of the limit",
-            step_size=STEP,
             steps=128,
             shown=("command", "error", "velocity_estimate"),
             parameters={"T_s": STEP, "K_pos": 50.0, "omega_v": 200.0, "k_aff": 0.9, "command_max": 0.5},
@@ -737,24 +688,17 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
                 "command_max": 0.5,
                 "k_vff": 0.95,
             },
-            stimuli={
-                **tracking(0.5e-3, 2.0, 20e-6, 8.75),
-                "disturbance_estimate": after(0.064, constant(-150.0)),
-            },
+            stimuli={**tracking(0.5e-3, 2.0, 20e-6, 8.75), "disturbance_estimate": after(0.064, constant(-150.0))},
         ),
     ),
     "CascadeP": (
         Validation(
             name="tracking",
             description="A sine with a position that is off by another one, into the limit and out of it",
-            step_size=STEP,
             steps=128,
             shown=("command", "velocity_estimate"),
             parameters={"T_s": STEP, "K_pos": 120.0, "K_vel": 300.0, "command_max": 4.0},
-            stimuli={
-                "position_ref": sine(2e-3, 2.0, 0.3),
-                "position": total(sine(2e-3, 2.0, 0.2), sine(20e-6, 8.75)),
-            },
+            stimuli={"position_ref": sine(2e-3, 2.0, 0.3), "position": total(sine(2e-3, 2.0, 0.2), sine(20e-6, 8.75))},
         ),
         Validation(
             name="two samples a step",
@@ -770,33 +714,24 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="tables",
             description="Two reversals of a sine, pulses by the tables",
-            step_size=STEP,
             steps=128,
             shown=("velocity_pulse", "reverse_acceleration"),
             parameters={"T_s": STEP, "t_r": 8e-3},
-            stimuli={
-                "position_ref": sine(20e-6, 4.5),
-                "position_next": lambda t: sine(20e-6, 4.5)(t + STEP),
-            },
+            stimuli={"position_ref": sine(20e-6, 4.5), "position_next": lambda t: sine(20e-6, 4.5)(t + STEP)},
         ),
         Validation(
             name="fixed",
             description="Three fixed pulses, two steps a sample",
-            step_size=STEP,
             steps=100,
             shown=("velocity_pulse", "time_since_reversal"),
             parameters={"T_s": 2.0 * STEP, "mode": Mode.fixed, "A": 0.5e-3, "T": 0.044},
-            stimuli={
-                "position_ref": sine(20e-6, 8.5),
-                "position_next": lambda t: sine(20e-6, 8.5)(t + 2.0 * STEP),
-            },
+            stimuli={"position_ref": sine(20e-6, 8.5), "position_next": lambda t: sine(20e-6, 8.5)(t + 2.0 * STEP)},
         ),
     ),
     "FrictionFeedforward": (
         Validation(
             name="reversals",
             description="Reversals of a sine, friction added to a force",
-            step_size=STEP,
             steps=256,
             shown=("friction_hat", "command"),
             parameters={"T_s": STEP, "sigma_1_hat": 2e4, "sigma_2_hat": 400.0, "v_s_hat": 4e-3},
@@ -805,7 +740,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="share",
             description="Eight tenths of a softer friction, two steps a sample",
-            step_size=STEP,
             steps=256,
             shown=("friction_hat", "command"),
             parameters={"T_s": 2.0 * STEP, "share": 0.8, "sigma_0_hat": 1e6, "F_S_hat": 90.0},
@@ -816,7 +750,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="slot",
             description="A slot with run-out: tooth 1 cuts more than tooth 2",
-            step_size=STEP,
             steps=128,
             shown=("force_x", "force_y", "uncut_thickness[1]"),
             parameters={"run_out": 0.3e-6, "axial_depth": 40e-6, "spindle_speed": 6.5, "start_time": 0.015},
@@ -824,7 +757,6 @@ EXPERIMENTS: Mapping[str, tuple[Validation, ...]] = {
         Validation(
             name="ploughing",
             description="Forces on the work, part of a turn, chips below the minimum thickness",
-            step_size=STEP,
             steps=128,
             shown=("force_x", "uncut_thickness[2]"),
             parameters={

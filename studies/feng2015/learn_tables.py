@@ -4,7 +4,8 @@ Each run starts 0.6 s before a velocity reversal on a circle of 50 mm at constan
 judged by the rms error J from the reversal to 2.5 times the time t_c at which the uncompensated error peaks:
 
     1. t_c at four accelerations (4 runs)
-    2. the duration of the best pulse there: nine durations around t_c times ten amplitudes (360 runs)
+    2. the duration of the best pulse there, the shortest if several are equally good: nine durations around t_c times
+       ten amplitudes (360 runs)
     3. the amplitude at 13 accelerations, in eleven coarse steps (143 runs)
     4. the amplitude at these and the points between, in eleven fine steps around the coarse value (275 runs)
     5. a general regression neural network over the logarithm of the acceleration smooths the amplitudes; its spread
@@ -46,6 +47,8 @@ A_0 = ALPHA * A_MAX
 ACCELERATIONS = np.array([2e-3, 10e-3, 40e-3, 120e-3])
 RADIUS, LEAD_IN, LEAD_OUT = 0.05, 0.6, 0.5
 NODES = 60
+FLAT = 1.02
+"""Durations whose J is within this ratio of the least J are equally good."""
 
 
 @dataclass(frozen=True)
@@ -176,14 +179,15 @@ def peak_time(learner: Learner, acceleration: float) -> float:
 
 
 def best_duration(learner: Learner, acceleration: float, t_c: float) -> float:
-    """Duration in s of the pulse with the smallest J; the first of equal ones."""
-    best, found = math.inf, t_c
-    for share in np.linspace(0.5, 1.5, 9):
-        for amplitude in np.arange(1, 11) * 0.1 * A_MAX:
-            cost = learner.cost(acceleration, (float(amplitude), float(share) * t_c), t_c, "duration")
-            if cost < best:
-                best, found = cost, float(share) * t_c
-    return found
+    """Duration in s of the best pulse; the shortest of those that are equally good."""
+    shares = np.linspace(0.5, 1.5, 9)
+
+    def least_cost(share: float) -> float:
+        pulses = [(float(amplitude), share * t_c) for amplitude in np.arange(1, 11) * 0.1 * A_MAX]
+        return min(learner.cost(acceleration, pulse, t_c, "duration") for pulse in pulses)
+
+    costs = np.array([least_cost(float(share)) for share in shares])
+    return float(shares[np.flatnonzero(costs <= FLAT * np.min(costs))[0]]) * t_c
 
 
 def regression(at: Array, points: Array, values: Array, spread: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -135,6 +136,20 @@ def test_linearize(call: Any, native: Path, tmp_path: Path) -> None:
     )
     assert 400.0 * found["margins"]["gain"] == pytest.approx(653.1, rel=5e-3)
     assert (tmp_path / "bode.png").is_file()
+
+
+def test_linearize_prints_equations_poles_and_margins(native: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    values = ["--set", "trajectory.amplitude=0", "controller.sensor_resolution=0", "plant.F_C=0", "plant.F_S=0"]
+    values.append("controller.K_P=400")
+    system = str(MAEDA / "gain.toml")
+    given = ["linearize", system, *values, "--inputs", "command", "--outputs", "position", "--fmus", str(native)]
+    assert main([*given, "--margins"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    # m*der(velocity) = K_n*d + C_n*(l_p*speed - velocity), start values of the FMU
+    assert "= -476.19*state.velocity + 232493*deflection +" in shown
+    assert "Pole / 1/s Frequency / Hz Damping Time constant / s" in shown
+    for line in (r"Stable yes", r"Gain [\d.]+ dB factor [\d.]+, at [\d.]+ Hz", r"Phase [\d.]+ deg at [\d.]+ Hz"):
+        assert re.search(line, shown)
 
 
 @pytest.mark.parametrize(

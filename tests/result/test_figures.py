@@ -130,6 +130,36 @@ def test_a_reference_that_moves_at_the_end_has_no_step() -> None:
     assert "Overshoot" not in found
 
 
+@pytest.mark.parametrize("rest", [0, 100])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_reference_that_goes_beyond_its_end_is_no_overshoot(rest: int, sense: float) -> None:
+    """Out to 10 and back to 5, with a rest between them or without: the last move is the step."""
+    reference = sense * np.interp(TIME, (0.2, 0.4, 0.4 + 1e-3 * rest, 0.6, 1.0), (0.0, 10.0, 10.0, 5.0, 5.0))
+    assert rows(loop(reference, reference))["Overshoot"].value == 0.0
+    position = reference.copy()
+    position[650] -= 0.3 * sense
+    found = rows(loop(reference, position, "rad"))
+    assert found["Overshoot"].value == pytest.approx(0.3)
+    assert found["Settling into 2 % of the step"].value == pytest.approx(51.0)
+
+
+@pytest.mark.parametrize(
+    ("reference", "offset", "peak"),
+    [(0.3, 2.0**-54, 0.0), (0.0, 1e-15, 1e-6), (0.3, 2.0**-54, 1e-3)],
+)
+def test_a_start_off_the_reference_by_rounding_is_no_step(reference: float, offset: float, peak: float) -> None:
+    position = reference + offset + peak * np.exp(-(((TIME - 0.5) / 0.05) ** 2))
+    assert position[0] != reference
+    assert "Settling into 2 % of the step" not in rows(loop(np.full_like(TIME, reference), position))
+
+
+def test_rounding_of_a_reference_is_no_motion() -> None:
+    reference = np.where(TIME >= 0.4 - 1e-9, 0.1, 0.0)
+    reference[500:900:2] = 0.1 + 2.0**-56
+    found = rows(loop(reference, response(0.4, 0.05, 0.1)))
+    assert found["Settling into 2 % of the step"].value == pytest.approx(50.0 * math.log(50.0), abs=1.0)
+
+
 # Reasons
 
 
@@ -163,8 +193,8 @@ def test_a_command_that_is_not_finite_leaves_the_errors() -> None:
     assert found["Command"].reason == "c.command is not finite from 1 s on"
 
 
-def circle(decimation: int, unit: str = "m") -> Recording:
-    angle = np.linspace(0.0, 4.5 * math.pi, 20001)[::decimation]
+def circle(decimation: int, unit: str = "m", turns: float = 2.25) -> Recording:
+    angle = np.linspace(0.0, 2.0 * math.pi * turns, 20001)[::decimation]
     columns = {"tx": np.cos(angle), "px": 1.001 * np.cos(angle), "ty": np.sin(angle), "py": np.sin(angle)}
     columns = {f"{name}.position": values for name, values in columns.items()}
     connections = [
@@ -182,6 +212,34 @@ def test_a_circle_sampled_too_coarsely_says_so() -> None:
     middling = rows(circle(1000))
     assert middling["Circular test"].reason.startswith("too few samples were recorded: no sample from")
     assert rows(circle(1, "rad"))["Circular deviation G, turn 2"].unit == "rad"
+
+
+@pytest.mark.parametrize("centre", [(-1.0, 0.0), (3.0, 4.0), (1e-3, -2e-3)])
+def test_a_circle_may_have_its_centre_anywhere(centre: tuple[float, float]) -> None:
+    plain, moved = circle(1), circle(1)
+    moved.columns = {n: v + centre["xy".index(n[1])] for n, v in moved.columns.items()}
+    expected, found = rows(plain), rows(moved)
+    assert "Radial deviation F_max, turn 2" in found
+    for name, row in expected.items():
+        assert found[name].value == pytest.approx(row.value, abs=1e-6), name  # um, on a radius of 1 m
+
+
+def test_axes_in_different_lengths_have_a_path() -> None:
+    plain, mixed = circle(1), circle(1)
+    mixed.columns = {n: v * 1e3 if n[1] == "y" else v for n, v in mixed.columns.items()}
+    mixed.units = {n: "mm" if n[1] == "y" else "m" for n in mixed.columns}
+    expected, found = rows(plain), rows(mixed)
+    assert "Contour error, maximum of the whole run" in found
+    for name, row in expected.items():
+        assert found[name].value == pytest.approx(row.value, abs=1e-6), name
+    mixed.units = {n: "rad" if n[1] == "y" else "m" for n in mixed.columns}
+    assert not any(name.startswith(("Contour", "Circular")) for name in rows(mixed))
+
+
+def test_a_circle_that_is_not_whole_says_so() -> None:
+    reason = "the circle has 0.9 turns, one is needed: take a later stop time"
+    assert rows(circle(1, turns=0.9))["Circular test"].reason == reason
+    assert "Circular test" not in rows(circle(1, turns=0.25))  # an arc, and no circle cut short
 
 
 def test_a_run_of_one_row_has_no_window_for_a_variation() -> None:

@@ -147,6 +147,23 @@ def test_the_digest_tells_the_decimation(tmp_path: Path) -> None:
     assert system.changed(decimation=2).digest != system.digest
 
 
+@pytest.mark.parametrize(
+    ("decimation", "text"),
+    [
+        (1, ""),
+        (2, "figures and pictures are of the recorded rows, 0.2 s apart: peaks between them are not seen."),
+        (3, "not seen. The last row is at 0.9 s, before the end of the run."),
+    ],
+)
+def test_rows_that_are_left_out_are_noted(tmp_path: Path, decimation: int, text: str) -> None:
+    system = probe(tmp_path, stop_time=1, step_size=Decimal("0.1")).changed(decimation=decimation)
+    found = [note for note in system.notes if note.startswith("record.decimation: ")]
+    assert len(found) == (decimation > 1)
+    assert all(note.endswith(text) for note in found)
+    if decimation == 3:
+        assert simulate(system).time[-1] == pytest.approx(0.9)
+
+
 def test_a_stated_factor_of_one_is_a_conversion(tmp_path: Path) -> None:
     """mm to m with factor = 1.0 is what was asked for; without it the units do not match."""
     write_gain(tmp_path, "A", "mm", "mm")

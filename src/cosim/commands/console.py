@@ -111,14 +111,24 @@ def make_table(*headings: str, right: Sequence[str] = (), whole: Sequence[str] =
     return table
 
 
-def show(options: argparse.Namespace, content: Mapping[str, Any], rows: Sequence[Sequence[str]], title: str) -> None:
-    """Show a result: ``content`` as JSON with ``--json``, else ``rows`` as a table. The first row has the headings."""
+def show(
+    options: argparse.Namespace,
+    content: Mapping[str, Any],
+    rows: Sequence[Sequence[str]],
+    title: str,
+    *,
+    numbers: bool = True,
+) -> None:
+    """Show a result: ``content`` as JSON with ``--json``, else ``rows`` as a table. The first row has the headings.
+
+    With ``numbers``, all columns but the first are aligned to the right.
+    """
     if options.json:
         print_json(content)
         return
     console = standard_output()
     headings, *lines = rows
-    table = make_table(*headings, right=headings[1:])
+    table = make_table(*headings, right=headings[1:] if numbers else ())
     for line in lines:
         table.add_row(*(escape(cell) for cell in line))
     console.print(escape(title), soft_wrap=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,9 @@ from .systems import given_values
 
 if TYPE_CHECKING:
     from ..design.linearize import Margins, StateSpace
+
+LIMIT = 1e-8
+"""A largest eigenvalue nearer to 1 than this is at the limit of stability: the controller's model is no more exact."""
 
 
 def add(commands: Any) -> None:
@@ -70,6 +74,7 @@ def _linearize(options: argparse.Namespace) -> int:
             source, instance=options.instance, at=at, inputs=options.inputs, outputs=options.outputs
         )
     notes = [f"{name} changes nothing here: it is saturated or switched off." for name in model.idle_inputs]
+    notes += [f"{name} has no derivative here: it is rounded or switched off." for name in model.idle_outputs]
     for note in notes:
         print_note(f"note: {note}")
     found: Margins | None = None
@@ -88,28 +93,77 @@ def _linearize(options: argparse.Namespace) -> int:
 def _show(
     options: argparse.Namespace, model: StateSpace, found: Margins | None, notes: Sequence[str], title: str
 ) -> None:
-    """Print the matrices, and the margins if there are any."""
+    """Print the equations and poles, and the margins if there are any."""
     matrices = {name: getattr(model, name).tolist() for name in ("A", "B", "C", "D")}
     poles = [[float(pole.real), float(pole.imag)] for pole in model.poles]
     content = {
         "states": model.states,
         "inputs": model.inputs,
         "outputs": model.outputs,
+        "units": model.units,
         **matrices,
         "poles": poles,
         "margins": None if found is None else vars(found),
         "notes": notes,
     }
-    rows: list[tuple[str, ...]] = [("", *model.states, *model.inputs)]
-    for names, left, right in (
-        ([f"der({state})" for state in model.states], model.A, model.B),
-        (list(model.outputs), model.C, model.D),
-    ):
-        for i, name in enumerate(names):
-            rows.append((name, *(f"{float(value):.6g}" for value in (*left[i], *right[i]))))
-    show(options, content, rows, title)
-    if found is not None and not options.json:
-        units = {"gain_frequency": "rad/s", "phase": "rad", "crossover": "rad/s", "delay": "s"}
-        rows = [("Margin", "", ""), ("stable", "yes" if found.stable else "no", "")]
-        rows += [(name, f"{value:.6g}", units.get(name, "")) for name, value in vars(found).items() if name != "stable"]
-        show(options, {}, rows, f"Loop with {options.controller}")
+    rows: list[tuple[str, ...]] = [("", "State space in SI units", "Unit")]
+    names = (*model.states, *model.inputs)
+    for left, right, labels in ((model.A, model.B, model.states), (model.C, model.D, model.outputs)):
+        for label, x, u in zip(labels, left.tolist(), right.tolist(), strict=True):
+            shown = f"der({label})" if labels is model.states else label
+            rows.append((shown, f"= {_sum((*x, *u), names)}", model.units.get(label, "")))
+    show(options, content, rows, title, numbers=False)
+    if options.json:
+        return
+    if len(model.states):
+        show(options, {}, _pole_rows(poles), "Poles")
+    if found is not None:
+        show(options, {}, _margin_rows(found), f"Loop with {options.controller}, opened at the command")
+
+
+def _sum(factors: Sequence[float], names: Sequence[str]) -> str:
+    """The sum of the names times their factors, such as ``2*x - 0.5*y``; ``0`` if all factors are 0."""
+    text = ""
+    for factor, name in zip(factors, names, strict=True):
+        if factor != 0.0:
+            sign = ("-" if factor < 0.0 else "") if not text else " - " if factor < 0.0 else " + "
+            text += sign + (f"{abs(factor):.6g}*" if abs(factor) != 1.0 else "") + name
+    return text or "0"
+
+
+def _pole_rows(poles: Sequence[Sequence[float]]) -> list[tuple[str, ...]]:
+    """The poles, slow ones first; each conjugate pair once."""
+    rows: list[tuple[str, ...]] = [("Pole / 1/s", "Frequency / Hz", "Damping", "Time constant / s")]
+    small = 1e-9 * max(math.hypot(*pole) for pole in poles)  # 0 but for rounding
+    for real, imaginary in sorted(poles, key=lambda pole: math.hypot(*pole)):
+        size = math.hypot(real, imaginary)
+        if size <= small:
+            rows.append(("0", "0", "-", "-"))
+        elif abs(imaginary) <= small:
+            rows.append((f"{real:.6g}", f"{size / (2.0 * math.pi):.4g}", "-", f"{-1.0 / real:.4g}"))
+        elif imaginary > 0.0:
+            pair = f"{real:.6g} +- {imaginary:.6g}j"
+            rows.append((pair, f"{size / (2.0 * math.pi):.4g}", f"{-real / size:.4g}", "-"))
+    return rows
+
+
+def _margin_rows(found: Margins) -> list[tuple[str, ...]]:
+    """The margins as they are read: in dB, degrees, Hz and ms."""
+    stable = "yes" if found.stable else "no"
+    if abs(found.spectral_radius - 1.0) < LIMIT:
+        stable = "limit"
+    rows: list[tuple[str, ...]] = [
+        ("Margin", "Value", "Unit", ""),
+        ("Stable", stable, "", f"largest eigenvalue {found.spectral_radius:.8g}"),
+    ]
+
+    def row(name: str, value: float, unit: str, remark: str) -> None:
+        exists = math.isfinite(value)
+        rows.append((name, f"{value:.4g}" if exists else "none", unit, remark if exists else "the loop does not cross"))
+
+    decibel = 20.0 * math.log10(found.gain) if math.isfinite(found.gain) else math.inf
+    row("Gain", decibel, "dB", f"factor {found.gain:.4g}, at {found.gain_frequency / (2.0 * math.pi):.4g} Hz")
+    row("Phase", math.degrees(found.phase), "deg", f"at {found.crossover / (2.0 * math.pi):.4g} Hz")
+    row("Delay", 1e3 * found.delay, "ms", "")
+    row("Sensitivity, largest", 20.0 * math.log10(found.sensitivity), "dB", f"factor {found.sensitivity:.4g}")
+    return rows

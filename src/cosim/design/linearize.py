@@ -1,9 +1,9 @@
 """Linear models of instances and sampled loops at the states that they reach in a run.
 
 A plant's state space comes from fmi2GetDirectionalDerivative: exact partial derivatives at the operating point. A
-controller has no continuous states; its sampled model is realized from its response to a small step of one input,
+controller has no continuous states; its sampled model is realized from its responses to small steps of its inputs,
 exactly for a linear controller of low order (Ho & Kalman's realization of the impulse response). Both give the loop
-transfer function of the sampled loop, with the command held over the sampling time, and its margins.
+transfer function of the sampled loop, opened at the command, which is held over the sampling time, and its margins.
 
 Source: Ho & Kalman, Effective construction of linear state-variable models from input/output functions,
 Regelungstechnik 14, 1966; Astrom & Wittenmark, Computer-Controlled Systems, 1997, secs. 2.3 and 3.3.
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,6 +25,7 @@ from ..extras import import_extra
 from ..fmu.places import find_system, has_ending
 from ..master.simulation import Checkpoint, Simulation
 from ..result.metrics import Array
+from ..system.parts import Connection
 from ..system.system import System, make_system, read_system
 from .names import nctf_names
 
@@ -48,6 +49,8 @@ class StateSpace:
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     T_s: float | None = None
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Unit of each state, input and output by name."""
 
     @property
     def poles(self) -> NDArray[np.complex128]:
@@ -60,6 +63,12 @@ class StateSpace:
         idle = ~np.any(np.vstack((self.B, self.D)) != 0.0, axis=0)
         return tuple(name for name, rests in zip(self.inputs, idle, strict=True) if rests)
 
+    @property
+    def idle_outputs(self) -> tuple[str, ...]:
+        """Outputs that no state and no input changes at this point: they are rounded or switched off."""
+        idle = ~np.any(np.hstack((self.C, self.D)) != 0.0, axis=1)
+        return tuple(name for name, rests in zip(self.outputs, idle, strict=True) if rests)
+
     def held(self, T_s: float) -> StateSpace:
         """The sampled model with inputs held over ``T_s`` in s."""
         from scipy import linalg as _linalg
@@ -69,7 +78,7 @@ class StateSpace:
         block = np.zeros((n + m, n + m))
         block[:n, :n], block[:n, n:] = self.A, self.B
         step: Array = linalg.expm(block * T_s)
-        return StateSpace(step[:n, :n], step[:n, n:], self.C, self.D, self.states, self.inputs, self.outputs, T_s)
+        return replace(self, A=step[:n, :n], B=step[:n, n:], T_s=T_s)
 
     def reduced(self) -> StateSpace:
         """The model without states that no input moves or that move no output, directly or through other states."""
@@ -83,7 +92,7 @@ class StateSpace:
         kept = np.flatnonzero(reached(self.B, self.A) & reached(self.C.T, self.A.T))
         names = tuple(self.states[i] for i in kept) if self.states else ()
         A = self.A[np.ix_(kept, kept)]
-        return StateSpace(A, self.B[kept], self.C[:, kept], self.D, names, self.inputs, self.outputs, self.T_s)
+        return replace(self, A=A, B=self.B[kept], C=self.C[:, kept], states=names)
 
     def response(self, omega: Array) -> NDArray[np.complex128]:
         """Frequency response at ``omega`` rad/s, shape (frequencies, outputs, inputs)."""
@@ -157,8 +166,11 @@ def linearized(
     if states:
         dynamics = simulation.partial_derivatives(instance, [rates[state] for state in states], knowns)
     output = simulation.partial_derivatives(instance, chosen["output"], knowns)
+    units = {name: fmu.variables[name].unit or "1" for name in (*knowns, *chosen["output"])}
     return StateSpace(
-        dynamics[:, :n], dynamics[:, n:], output[:, :n], output[:, n:], states, chosen["input"], chosen["output"]
+        *(dynamics[:, :n], dynamics[:, n:], output[:, :n], output[:, n:]),
+        *(states, chosen["input"], chosen["output"]),
+        units=units,
     )
 
 
@@ -177,15 +189,23 @@ def alone(fmu: Path, start: Mapping[str, object]) -> System:
 
 
 def realize(markov: Array, T_s: float) -> StateSpace:
-    """The smallest sampled model whose impulse response is ``markov`` (h[0] direct), of order below half its length."""
-    half = (markov.size - 1) // 2
-    hankel = np.array([markov[i + 1 : i + 1 + half] for i in range(half)])
+    """The smallest sampled model of one output with the impulse responses ``markov``, of order below half its length.
+
+    ``markov`` has the shape (samples, inputs), or (samples,) for one input; its first row acts directly.
+    """
+    responses = markov.reshape(markov.shape[0], -1)
+    inputs = responses.shape[1]
+    sizes = np.abs(responses).max(axis=0)
+    sizes[sizes == 0.0] = 1.0
+    scaled = responses / sizes  # so that the rank is judged alike for inputs in m and in m/s
+    half = (len(scaled) - 1) // 2
+    hankel = np.array([scaled[i + 1 : i + 1 + half].ravel() for i in range(half)])
     left, values, right = np.linalg.svd(hankel)
     order = int(np.count_nonzero(values > RANK * max(float(values[0]), 1e-300)))
     root = np.sqrt(values[:order])
     observe, reach = left[:, :order] * root, root[:, None] * right[:order]
     A = np.linalg.pinv(observe[:-1]) @ observe[1:]
-    return StateSpace(A, reach[:, :1], observe[:1], np.array([[markov[0]]]), T_s=T_s)
+    return StateSpace(A, reach[:, :inputs] * sizes, observe[:1], responses[:1], T_s=T_s)
 
 
 def sampled_controller(
@@ -193,15 +213,15 @@ def sampled_controller(
     instance: str,
     *,
     at: float,
-    input: str = "position",
+    inputs: Sequence[str] = ("position",),
     output: str = "command",
     step: float = 1e-9,
 ) -> StateSpace:
-    """The sampled model of a controller from one input to one output, around its state at the time ``at`` in s.
+    """The sampled model of a controller from its measurements to one output, around its state at the time ``at`` in s.
 
-    From this state the controller runs alone with ``step`` added to the input and all other inputs held. Choose
+    From this state the controller runs alone with ``step`` added to one of ``inputs`` and all other inputs held. Choose
     ``step`` small against every nonlinearity, and set resolutions to 0. Raises DescriptionError if the controller is
-    not linear there.
+    not linear there, or if none of the inputs moves the output.
     """
     with Simulation(system) as simulation:
         simulation.restore(simulation.pause(at))
@@ -219,20 +239,49 @@ def sampled_controller(
     ).changed({f"{instance}.{name}": value for name, value in held_inputs.items()})
     with Simulation(single) as simulation:
         checkpoint = simulation.pause(MARKOV * T_s / 2)
-        responses = [
-            simulation.resume(checkpoint, {f"{instance}.{input}": held_inputs[input] + share * step})[
-                f"{instance}.{output}"
-            ][1 : MARKOV + 2]  # after a step, the output is the value that was applied during it
-            for share in (0.0, 0.5, 1.0)
-        ]
-    rest, half, whole = responses
-    size = float(np.max(np.abs(whole - rest)))
-    if size == 0.0 or float(np.max(np.abs(whole - 2.0 * half + rest))) > 1e-5 * size:
+
+        def response(added: Mapping[str, float]) -> Array:
+            values = {f"{instance}.{name}": held_inputs[name] + value for name, value in added.items()}
+            record = simulation.resume(checkpoint, values)[f"{instance}.{output}"]
+            return record[1:]  # after a step, the output is the value that was applied during it
+
+        rest = response({inputs[0]: 0.0})
+        markov = np.zeros((len(rest), len(inputs)))
+        for i, name in enumerate(inputs):
+            half, whole = response({name: 0.5 * step}), response({name: step})
+            size = float(np.max(np.abs(whole - rest)))
+            if float(np.max(np.abs(whole - 2.0 * half + rest))) > 1e-5 * size:
+                raise DescriptionError(
+                    f"{instance}: {output} is not linear in {name} for a step of {step:g}. Take a smaller or larger "
+                    "step, switch resolutions off, or linearize where it does not saturate."
+                )
+            markov[:, i] = np.diff((whole - rest) / step, prepend=0.0)
+    if not np.any(markov):
         raise DescriptionError(
-            f"{instance}: {output} is not linear in {input} for a step of {step:g}. Take a smaller or larger step, "
-            "switch resolutions off, or linearize where it does not saturate."
+            f"{instance}: {output} does not change with {', '.join(inputs)} for a step of {step:g}. It is saturated or "
+            "rounded there: linearize at another time, or switch resolutions off."
         )
-    return realize(np.diff((whole - rest) / step, prepend=0.0), T_s)
+    found = realize(markov[: MARKOV + 1], T_s)
+    _check_realization(found, markov, f"{instance}: {output}")
+    return found
+
+
+def _check_realization(found: StateSpace, markov: Array, name: str) -> None:
+    """Raise DescriptionError if the model does not continue ``markov`` after the samples that it was made from.
+
+    Step responses are compared, where the rounding of the differences in ``markov`` does not add up.
+    """
+    state, ours = found.B, [found.D[0]]
+    for _ in range(len(markov) - 1):
+        ours.append((found.C @ state)[0])
+        state = found.A @ state
+    measured = np.cumsum(markov, axis=0)
+    wrong = np.abs(np.cumsum(ours, axis=0) - measured).max(axis=0) > 1e-4 * np.abs(measured).max(axis=0)
+    if np.any(wrong):
+        raise DescriptionError(
+            f"{name} answers a small step unlike a linear controller of an order below {MARKOV // 2}. Switch "
+            "resolutions and limits off, or linearize at another time."
+        )
 
 
 @dataclass(frozen=True)
@@ -256,14 +305,14 @@ class Margins:
     """Largest magnitude of 1/(1 + L)."""
 
 
-def series(controller: StateSpace, plant: StateSpace) -> StateSpace:
-    """The series connection plant*controller of two sampled models with one input and one output each."""
-    n, m = controller.A.shape[0], plant.A.shape[0]
+def series(first: StateSpace, second: StateSpace) -> StateSpace:
+    """The series connection second*first of two sampled models: the outputs of ``first`` go into ``second``."""
+    n, m = first.A.shape[0], second.A.shape[0]
     A = np.zeros((n + m, n + m))
-    A[:n, :n], A[n:, n:], A[n:, :n] = controller.A, plant.A, plant.B @ controller.C
-    B = np.vstack((controller.B, plant.B @ controller.D))
-    C = np.hstack((plant.D @ controller.C, plant.C))
-    return StateSpace(A, B, C, plant.D @ controller.D, T_s=plant.T_s)
+    A[:n, :n], A[n:, n:], A[n:, :n] = first.A, second.A, second.B @ first.C
+    B = np.vstack((first.B, second.B @ first.D))
+    C = np.hstack((second.D @ first.C, second.C))
+    return StateSpace(A, B, C, second.D @ first.D, T_s=second.T_s)
 
 
 def spectral_radius(A: Array, B: Array, C: Array) -> float:
@@ -328,34 +377,81 @@ def loop_margins(
     controller: str = "controller",
     plant: str = "plant",
     command: str = "command",
-    position: str = "position",
     step: float = 1e-9,
     start: Mapping[str, object] | None = None,
     fmus: str | Path | None = None,
 ) -> tuple[StateSpace, Margins]:
-    """Loop transfer function and margins of the position loop of a system, around its state at the time ``at`` in s.
+    """Loop transfer function and margins of a system's loop, around its state at the time ``at`` in s.
 
-    ``start`` gives start values (``{"controller.sensor_resolution": 0.0}``). The command acts from the sample at which
-    its position is measured, and is held; the factor of the connection is included. Raises DescriptionError if the
-    command moves nothing, for example at its limit.
+    The loop is opened at the command. It closes through all outputs of the plant that the controller measures, with the
+    factors of the connections; each is moved by ``step`` to find the controller's model. ``start`` gives start values
+    (``{"controller.sensor_resolution": 0.0}``). The command acts from the sample at which the outputs are measured,
+    and is held. Raises DescriptionError if the command moves nothing (at its limit), if a measured output is rounded,
+    and if a third instance is part of the loop.
     """
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(start)
     wired = [c for c in system.connections if c.source == (controller, command) and c.target == (plant, command)]
     if not wired:
         raise DescriptionError(f"{system.name}: {controller}.{command} does not feed {plant}.{command}.")
-    model = linearize(system, instance=plant, at=at, inputs=[command], outputs=[position])
+    measured = _measured(system, controller, plant, wired[0])
+    outputs = sorted({c.source[1] for c in measured})
+    inputs = sorted({c.target[1] for c in measured})
+    model = linearize(system, instance=plant, at=at, inputs=[command], outputs=outputs)
     if model.idle_inputs:
         raise DescriptionError(
             f"{plant}.{command} changes nothing at t = {at:g} s, so there is no loop and no margin. It is saturated "
             "there: linearize at another time, or raise the limit."
         )
-    sampled = sampled_controller(system, controller, at=at, input=position, output=command, step=step)
+    if model.idle_outputs:
+        raise DescriptionError(
+            f"{plant}.{model.idle_outputs[0]} has no derivative at t = {at:g} s: it is rounded. Set the resolution of "
+            f"{plant} to 0 for the margins."
+        )
+    sampled = sampled_controller(system, controller, at=at, inputs=inputs, output=command, step=step)
     T_s = cast(float, sampled.T_s)
-    factor = -wired[0].factor  # negative feedback: the controller sees the position, not the error
-    scaled = StateSpace(sampled.A, sampled.B, factor * sampled.C, factor * sampled.D, T_s=T_s)
-    loop = series(scaled, model.reduced().held(T_s))
+    wires = np.zeros((len(inputs), len(outputs)))
+    for connection in measured:
+        wires[inputs.index(connection.target[1]), outputs.index(connection.source[1])] += connection.factor
+    held = model.reduced().held(T_s)
+    factor = -wired[0].factor  # negative feedback: the controller sees measurements, not errors
+    loop = series(
+        replace(held, C=wires @ held.C, D=wires @ held.D),
+        replace(sampled, C=factor * sampled.C, D=factor * sampled.D),
+    )
     return loop, margins(loop)
+
+
+def _measured(system: System, controller: str, plant: str, command: Connection) -> list[Connection]:
+    """The connections from plant to controller.
+
+    Raises DescriptionError if there is none, or if the loop has other parts than them and the ``command``.
+    """
+    pairs = {(c.source[0], c.target[0]) for c in system.connections}
+    loop = {controller, plant}
+
+    def reached(backwards: bool) -> set[str]:
+        found = set(loop)
+        for _ in pairs:
+            found |= {(a if backwards else b) for a, b in pairs if (b if backwards else a) in found}
+        return found - loop
+
+    others = sorted(reached(backwards=False) & reached(backwards=True))
+    if others:
+        raise DescriptionError(
+            f"{system.name}: the loop of {controller} and {plant} also goes through {', '.join(others)}, which margins "
+            "do not take into account. Disconnect it for the margins, or make it part of the controller."
+        )
+    inner = [c for c in system.connections if c.source[0] in loop and c.target[0] in loop and c is not command]
+    measured = [c for c in inner if c.source[0] == plant and c.target[0] == controller]
+    beside = [str(c) for c in inner if c not in measured]
+    if beside:
+        raise DescriptionError(
+            f"{system.name}: beside {command}, {beside[0]} is part of the loop. Margins need one command."
+        )
+    if not measured:
+        raise DescriptionError(f"{system.name}: no output of {plant} feeds {controller}, so there is no loop.")
+    return measured
 
 
 def plot_bode(
@@ -374,12 +470,16 @@ def plot_bode(
         low = 1e-3 * top if model.T_s is not None else 1e-2 * float(np.min(slow, initial=10.0))
         omega = np.geomspace(low, top, 600)
     values = model.response(omega)[:, output, input]
+    ends = [
+        model.units.get(name, "") for name in (*model.outputs[output : output + 1], *model.inputs[input : input + 1])
+    ]
+    unit = f"{ends[0]}/{ends[1]}" if len(ends) == 2 and all(ends) else ""
     hertz = omega / (2.0 * math.pi)
 
     def draw(figure: Any) -> None:
         size, angle = figure.subplots(2, 1, sharex=True)
         size.loglog(hertz, np.abs(values))
-        size.set_ylabel("Magnitude")
+        size.set_ylabel(f"Magnitude [{unit}]" if unit else "Magnitude")
         size.set_title(title)
         angle.semilogx(hertz, np.degrees(np.unwrap(np.angle(values))))
         angle.set_ylabel("Phase [deg]")

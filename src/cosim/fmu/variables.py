@@ -61,6 +61,8 @@ class Variable:
 
     An array of FMI 3.0 is set and read as a whole.
     """
+    relative: bool = False
+    """Whether it is a difference (relativeQuantity of FMI): offsets of its units, such as 273.15 K, do not count."""
 
     @property
     def settable(self) -> bool:
@@ -168,11 +170,12 @@ def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]
 
     unit = cast("str | None", of("unit")) if kind == "Real" else None
     display = cast("str | None", of("displayUnit")) if kind == "Real" else None
+    relative = kind == "Real" and bool(of("relativeQuantity"))
     shown: DisplayUnit | None = None
     if display is not None and unit is not None and unit in units:
         for candidate in units[unit].displayUnits:
             if candidate.name == display:
-                shown = DisplayUnit(display, float(candidate.factor), float(candidate.offset))
+                shown = DisplayUnit(display, float(candidate.factor), 0.0 if relative else float(candidate.offset))
     bounded = kind in ("Real", "Integer", "Enumeration")
     low, high = (_number(v.name, bound, of(bound), findings) if bounded else None for bound in ("min", "max"))
     items = {item.name: int(item.value) for item in declared.items} if kind == "Enumeration" and declared else {}
@@ -198,6 +201,7 @@ def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]
             items=MappingProxyType(items),
             derivative_of=None if v.derivative is None else f"{v.derivative.name}{suffix}",
             whole=whole,
+            relative=relative,
         )
         for suffix, start in zip(suffixes, starts, strict=True)
     ]

@@ -49,8 +49,11 @@ class Validation:
 
     name: str
     description: str
-    step_size: float
-    """A power of two, so that k*step_size is exact and all importers sample at the same times."""
+    step_size: float = 2.0**-9
+    """In s. A power of two, so that k*step_size is exact and all importers sample at the same times.
+
+    2^-9 s = 1.953125 ms is also exact in whole nanoseconds, in which some importers count time.
+    """
     steps: int
     shown: tuple[str, ...]
     """Outputs that the picture shows."""

@@ -15,6 +15,7 @@ from .metrics import (
     Array,
     circular_test,
     contour_error,
+    least_squares_circle,
     max_abs,
     mean,
     overshoot,
@@ -27,6 +28,13 @@ from .metrics import (
 
 RESTS = 0.01
 """A step is judged only if its reference is constant at the end, for at least this fraction of the record."""
+ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
+"""Largest change of a reference, relative to its largest value, that is rounding and no motion."""
+SMALLEST_STEP = 1e-6
+"""Smallest distance of a position from a constant reference at the start that counts as a step, relative to its largest
+distance during the run: a run that a disturbance moves that much further is no step response."""
+ON_CIRCLE = 1e-6
+"""Largest distance of a reference point from its circle, relative to the radius: no other path is as near to one."""
 
 
 # A recorded run.
@@ -172,8 +180,8 @@ def summary(result: Recorded, start: float | None = None) -> list[Figure]:
     Empty if the run has no loop. Lengths are in um, other positions in their own unit.
     If the reference is constant at the end, there are also the overshoot and the settling time into 2 % of its last
     step; settling counts from the last change of the reference.
-    If two loops have references of their own, there is also the contour error. On a circle about the origin there is
-    also the circular test of the last whole turn.
+    If two loops have references of their own, there is also the contour error. On a circle there is also the circular
+    test of the last whole turn.
     A figure without a value has the reason.
     """
     rows: list[Figure] = []
@@ -182,9 +190,8 @@ def summary(result: Recorded, start: float | None = None) -> list[Figure]:
         prefix = f"{loop.name}: " if len(found) > 1 else ""
         rows += [Missing(f"{prefix}Position error", reason)] if reason else _loop_rows(result, loop, prefix, start)
     complete = [loop for loop, reason in found if not reason]
-    if len(complete) == 2:
-        rows += _contour_rows(result, complete[0], complete[1], start)
-        rows += _circle_rows(result, complete[0], complete[1])
+    if len(complete) == 2 and (path := _path(result, *complete)) is not None:
+        rows += [*_contour_rows(result, path, start), *_circle_rows(path)]
     return rows
 
 
@@ -250,20 +257,26 @@ def _loop_rows(result: Recorded, loop: Loop, prefix: str, start: float | None) -
 def _step_rows(time: Array, reference: Array, position: Array, label: tuple[str, str]) -> list[Figure]:
     """Overshoot and settling of the last step of the reference; empty if it is not constant at the end.
 
-    A smooth motion counts as one step. It goes from the last rest of the reference to its rest at the end.
+    A smooth motion counts as one step. It goes from the last rest or reversal of the reference to its rest at the end.
     """
     prefix, unit = label
     last = float(reference[-1])
-    changes = np.flatnonzero(np.diff(reference))
+    rounding = ROUNDING * max_abs(reference)
+    steps = np.diff(reference)
+    changes = np.flatnonzero(np.abs(steps) > rounding)
     motion, begin, first = 0, 0, float(position[0])
+    # A position that starts on a constant reference, up to rounding, makes no step.
+    least = max(rounding, SMALLEST_STEP * max_abs(position - last))
     if changes.size:
+        least = rounding
         rest = reference.size - 1 - int(changes[-1])
         if rest < max(2.0, RESTS * reference.size):
             return []
-        breaks = np.flatnonzero(np.diff(changes) > 1)
+        senses = np.signbit(steps[changes])
+        breaks = np.flatnonzero((np.diff(changes) > 1) | (senses[1:] != senses[:-1]))
         motion = int(changes[breaks[-1] + 1]) if breaks.size else int(changes[0])
         begin, first = int(changes[-1]) + 1, float(reference[motion])
-    if last == first:
+    if abs(last - first) <= least:
         return []
     settled = settling_time(time[begin:], position[begin:], last, 0.02 * abs(last - first), float(time[begin]))
     name = f"{prefix}Settling into 2 % of the step"
@@ -275,16 +288,37 @@ def _step_rows(time: Array, reference: Array, position: Array, label: tuple[str,
     ]
 
 
-def _contour_rows(result: Recorded, x: Loop, y: Loop, start: float | None) -> list[Figure]:
-    """The contour error of two axes. Empty if the loops are not the two axes of a path."""
+class _Path(NamedTuple):
+    """The path of two axes, in one unit."""
+
+    unit: str
+    x: Array
+    y: Array
+    x_ref: Array
+    y_ref: Array
+
+
+def _path(result: Recorded, x: Loop, y: Loop) -> _Path | None:
+    """The path of two loops; None if they are not its two axes, or if a signal is not finite."""
     signals = {x.position, y.position, x.reference, y.reference}
-    if len(signals) < 4 or result.unit(y.position) != result.unit(x.position) or signals & set(not_finite(result)):
+    if len(signals) < 4 or signals & set(not_finite(result)):
+        return None
+    (factor, unit), (y_factor, y_unit) = (_length(result.unit(loop.position)) for loop in (x, y))
+    if y_unit != unit:
+        try:
+            y_factor *= conversion(y_unit, unit)
+        except DescriptionError:
+            return None
+    references = factor * x.reference_values(result), y_factor * y.reference_values(result)
+    return _Path(unit, factor * result[x.position], y_factor * result[y.position], *references)
+
+
+def _contour_rows(result: Recorded, path: _Path, start: float | None) -> list[Figure]:
+    """The contour error of two axes. Empty if one of them is commanded to rest."""
+    if any(np.ptp(values) == 0.0 for values in (path.x_ref, path.y_ref)):
         return []
-    factor, unit = _length(result.unit(x.position))
-    references = [loop.reference_values(result) for loop in (x, y)]
-    if any(np.ptp(values) == 0.0 for values in references):
-        return []
-    error = factor * contour_error(result[x.position], result[y.position], references[0], references[1])
+    unit = path.unit
+    error = contour_error(path.x, path.y, path.x_ref, path.y_ref)
     time = result.time
     try:
         part = window(time, 0.5 * float(time[0] + time[-1]) if start is None else start)
@@ -298,27 +332,23 @@ def _contour_rows(result: Recorded, x: Loop, y: Loop, start: float | None) -> li
     ]
 
 
-def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Figure]:
-    """The circular test of the last whole turn. Empty if the references do not follow a circle about the origin."""
-    if result.unit(y.position) != result.unit(x.position) or {x.position, y.position, x.reference, y.reference} & set(
-        not_finite(result)
-    ):
+def _circle_rows(path: _Path) -> list[Figure]:
+    """The circular test of the last whole turn. Empty if the references do not follow a circle."""
+    circle = _commanded_circle(path.x_ref, path.y_ref)
+    if circle is None:
         return []
-    factor, unit = _length(result.unit(x.position))
-    x_ref, y_ref = x.reference_values(result) * factor, y.reference_values(result) * factor
-    radius = float(np.mean(np.hypot(x_ref, y_ref)))
+    x_centre, y_centre, radius = circle
+    x_ref, y_ref, unit = path.x_ref - x_centre, path.y_ref - y_centre, path.unit
     angle = np.unwrap(np.arctan2(y_ref, x_ref))
-    turns = int(abs(float(angle[-1] - angle[0])) / (2.0 * math.pi) + 1e-9)
-    if radius == 0.0 or max_abs(np.hypot(x_ref, y_ref) - radius) > 1e-6 * radius:
-        return []
+    travelled = abs(float(angle[-1] - angle[0])) / (2.0 * math.pi)
+    turns = int(travelled + 1e-9)
     if np.max(np.abs(np.diff(angle)), initial=0.0) > 0.25 * math.pi:
         return [Missing("Circular test", "less than 8 samples a turn were recorded: take a smaller decimation")]
     if turns == 0:
-        return []
+        short = f"the circle has {travelled:.3g} turns, one is needed: take a later stop time"
+        return [Missing("Circular test", short)] if travelled >= 0.5 else []
     try:
-        test = circular_test(
-            result[x.position] * factor, result[y.position] * factor, x_ref, y_ref, radius=radius, turn=turns
-        )
+        test = circular_test(path.x - x_centre, path.y - y_centre, x_ref, y_ref, radius=radius, turn=turns)
     except DescriptionError as error:
         return [Missing("Circular test", f"too few samples were recorded: {error}")]
     return [
@@ -328,6 +358,19 @@ def _circle_rows(result: Recorded, x: Loop, y: Loop) -> list[Figure]:
         FigureOfMerit(f"Radial deviation, mean, turn {turns}", test.radial_mean, unit),
         FigureOfMerit(f"Reversal spike, largest, turn {turns}", max(test.spikes, key=abs), unit),
     ]
+
+
+def _commanded_circle(x_ref: Array, y_ref: Array) -> tuple[float, float, float] | None:
+    """Centre and radius of the circle on which all reference points lie; None if they lie on none.
+
+    The origin is tried first: the centre of a circle about it is exact.
+    """
+    if x_ref.size < 3 or np.ptp(x_ref) == 0.0 or np.ptp(y_ref) == 0.0:
+        return None
+    x, y, radius = 0.0, 0.0, float(np.mean(np.hypot(x_ref, y_ref)))
+    if max_abs(np.hypot(x_ref, y_ref) - radius) > ON_CIRCLE * radius:
+        x, y, radius = least_squares_circle(x_ref, y_ref)
+    return (x, y, radius) if max_abs(np.hypot(x_ref - x, y_ref - y) - radius) <= ON_CIRCLE * radius else None
 
 
 def tracking(result: Recorded, interval: tuple[float, float]) -> dict[str, float]:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -118,42 +115,6 @@ class Connection:
 
     def __str__(self) -> str:
         return f"{'.'.join(self.source)} -> {'.'.join(self.target)}"
-
-
-def system_digest(  # noqa: PLR0917
-    instances: Mapping[str, Instance],
-    connections: Sequence[Connection],
-    times: Sequence[Decimal],
-    order: Order,
-    tolerance: float | None,
-    record: Sequence[tuple[str, str]],
-    decimation: int,
-    signals: Sequence[SignalSource] = (),
-) -> str:
-    """SHA-256 of everything that decides the results, as hexadecimal digits."""
-    content: dict[str, Any] = {
-        "instances": {
-            name: [i.fmu.digest, sorted(i.start.items()), i.step_multiple] for name, i in sorted(instances.items())
-        },
-        "connections": sorted(_connection_content(c) for c in connections),
-        "times": [float(time) for time in times],
-        "order": order,
-        "tolerance": tolerance,
-        "record": record,
-        "decimation": decimation,
-    }
-    if signals:
-        content["signals"] = {s.name: {**s.table, "file": s.digest, "converted": s.converted} for s in signals}
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=float).encode()).hexdigest()
-
-
-def _connection_content(connection: Connection) -> list[Any]:
-    content: list[Any] = [str(connection), connection.factor, connection.offset]
-    if connection.added:
-        content.append("added")
-    if connection.noise is not None:
-        content.append(f"noise of {connection.noise.rms!r}, seed {connection.noise.seed}")
-    return content
 
 
 def sources(connections: Sequence[Connection]) -> dict[tuple[str, str], tuple[tuple[str, str], ...]]:

@@ -133,7 +133,7 @@ class ParameterValues:
                     continue
                 given = Given(typed_value(local_name(typed), typed.get("value", "")), None)
                 if typed.get("unit"):
-                    given = Given(given.value, self.units.meant(found[0], typed.get("unit"), own))
+                    given = Given(given.value, self.units.meant(found, typed.get("unit"), own))
                 self.enter(found, given, entry)
         if nowhere:
             self.note(

@@ -66,20 +66,33 @@ that ``0.1`` divides ``1.0``.
 
 from __future__ import annotations
 
+import hashlib
+import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
 from ..fmu.places import find_system, has_ending
 from ..fmu.variables import Value, Variable, suggest_variable
-from .check import checked_fields
+from .connections import read_connections
 from .document import changed_document, load_document
-from .parts import Connection, Instance, Order, Ports, SignalSource, system_digest
+from .experiment import ExperimentTimes, read_experiment
+from .findings import Findings
+from .instances import Places, read_instances
+from .order import evaluation_order
+from .parts import Connection, Instance, Order, Ports, SignalSource
+from .record import recorded_variables
+from .samples import check_steps
 from .single import fmu_document, full_names
-from .values import start_value
+from .values import fraction, start_value
+
+KEYS = ("description", "connections", "experiment", "instances", "signals", "record")
+"""The tables and keys at the top of a system file."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +118,25 @@ class System:
     """Remarks on things that are legal but may surprise."""
     notes_of_file: tuple[str, ...] = field(repr=False)
     """The part of ``notes`` that was found while the file was read."""
-    digest: str
-    """SHA-256 of everything that decides the results: FMUs, start values, connections, experiment."""
     document: Mapping[str, Any] = field(repr=False)
     folder: Path = field(repr=False)
     fmus: Path | None = field(repr=False)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256, in hexadecimal digits, of everything that decides the results."""
+        content: dict[str, Any] = {
+            "instances": {i.name: [i.fmu.digest, sorted(i.start.items()), i.step_multiple] for i in self.instances},
+            "connections": sorted(_connection_content(c) for c in self.connections),
+            "times": [float(time) for time in (self.start_time, self.stop_time, self.step_size)],
+            "order": self.order,
+            "tolerance": self.tolerance,
+            "record": self.record,
+            "decimation": self.decimation,
+        }
+        if self.signals:
+            content["signals"] = {s.name: {**s.table, "file": s.digest, "converted": s.converted} for s in self.signals}
+        return hashlib.sha256(json.dumps(content, sort_keys=True, default=float).encode()).hexdigest()
 
     @property
     def parallel(self) -> bool:
@@ -160,9 +187,7 @@ class System:
         plain = overrides and not problems and all(value is None for value in experiment)
         if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
-        return System(
-            **checked_fields(document, self.name, self.folder, self.fmus, problems=problems, notes=self.notes_of_file)
-        )
+        return _checked(document, self.name, self.folder, self.fmus, problems=problems, notes=self.notes_of_file)
 
     def _starts(self, overrides: Mapping[str, object]) -> dict[str, dict[str, Value]] | None:
         """Start values by instance; None if one is wrong, or if the rest of the system may depend on one."""
@@ -185,21 +210,8 @@ class System:
 
         Start values cannot change the other checks. Therefore these are not repeated.
         """
-        instances = {
-            i.name: replace(i, start={**i.start, **starts[i.name]}) if i.name in starts else i for i in self.instances
-        }
-        times = (self.start_time, self.stop_time, self.step_size)
-        digest = system_digest(
-            instances,
-            self.connections,
-            times,
-            self.order,
-            self.tolerance,
-            self.record,
-            self.decimation,
-            self.signals,
-        )
-        return replace(self, instances=tuple(instances.values()), digest=digest, document=document)
+        instances = tuple(replace(i, start={**i.start, **starts.get(i.name, {})}) for i in self.instances)
+        return replace(self, instances=instances, document=document)
 
 
 def read_system(
@@ -242,7 +254,7 @@ def read_system(
         record=record,
         decimation=decimation,
     )
-    return System(**checked_fields(document, path.name, folder, folder_of_fmus, problems=problems, notes=notes))
+    return _checked(document, path.name, folder, folder_of_fmus, problems=problems, notes=notes)
 
 
 def make_system(
@@ -253,7 +265,128 @@ def make_system(
     ``name`` is used in messages. Relative paths start in ``folder``; ``fmus`` is the folder of FMUs given by name.
     Raises DescriptionError with all problems.
     """
-    return System(**checked_fields(document, name, Path(folder), None if fmus is None else Path(fmus)))
+    return _checked(document, name, Path(folder), None if fmus is None else Path(fmus))
+
+
+def _checked(
+    document: Mapping[str, Any],
+    name: str,
+    folder: Path,
+    fmus: Path | None,
+    *,
+    problems: Sequence[str] = (),
+    notes: Sequence[str] = (),
+) -> System:
+    """The System that a document describes.
+
+    ``name`` is the file that messages name, ``folder`` the folder where relative paths start, ``fmus`` the folder of
+    FMUs given by name. ``problems`` and ``notes`` were found before.
+    Raises DescriptionError with all problems, the earlier ones included.
+    """
+    findings = Findings(name, problems)
+    findings.known_keys("", document, KEYS)
+    instances = read_instances(document, Places(folder, fmus), findings)
+    signals, experiment = _signals_and_experiment(document, instances, folder, findings)
+    ports: dict[str, Ports] = {**{name: instance.fmu for name, instance in instances.items()}, **signals}
+    connections = read_connections(document, ports, findings)
+    signals = _units_of_inputs(signals, connections, ports)
+    ports = {**ports, **signals}
+    check_steps(instances, experiment, findings)
+    record, decimation = recorded_variables(document, ports, connections, findings)
+    if decimation > experiment.steps > 0:
+        findings.problem(
+            "record.decimation", f"{decimation} is more than the {experiment.steps} steps of the run. Take less."
+        )
+    elif decimation > 1 and experiment.steps:
+        findings.note("record.decimation", _rare_rows(decimation, experiment))
+    evaluated = tuple(instances)
+    if not findings.problems:
+        evaluated = evaluation_order(instances, connections, experiment.order, findings)
+    if findings.problems:
+        raise DescriptionError(list(dict.fromkeys(findings.problems)))
+    return System(
+        name=name,
+        description=str(document.get("description", "")),
+        instances=tuple(instances.values()),
+        signals=tuple(signals.values()),
+        connections=connections,
+        start_time=experiment.start_time,
+        stop_time=experiment.stop_time,
+        step_size=experiment.step_size,
+        steps=experiment.steps,
+        order=experiment.order,
+        evaluation_order=evaluated,
+        tolerance=experiment.tolerance,
+        record=record,
+        decimation=decimation,
+        notes=(*notes, *findings.notes),
+        notes_of_file=tuple(notes),
+        document=document,
+        folder=folder,
+        fmus=fmus,
+    )
+
+
+def _signals_and_experiment(
+    document: Mapping[str, Any], instances: Mapping[str, Instance], folder: Path, findings: Findings
+) -> tuple[dict[str, SignalSource], ExperimentTimes]:
+    """The signals of a document and its experiment. The end of a record may set the stop time."""
+    if "signals" not in document:
+        return {}, read_experiment(document, findings)
+    from .signals import check_times, read_signals, record_ends  # imports NumPy: only for systems with records
+
+    given = findings.table(document, "experiment")
+    times = float(fraction(given.get("start_time", 0)) or 0.0), float(fraction(given.get("step_size")) or math.inf)
+    signals = read_signals(document, folder, times, findings)
+    multiple = math.lcm(*(instance.step_multiple for instance in instances.values()))
+    tables = (
+        cast("Mapping[str, Any]", t) for t in findings.table(document, "signals").values() if isinstance(t, Mapping)
+    )
+    ended = any(table.get("extend") == "stop" for table in tables)
+    experiment = read_experiment(document, findings, list(record_ends(signals)) if ended else None, multiple)
+    if experiment.steps:
+        times = float(experiment.start_time), float(experiment.stop_time), float(experiment.step_size)
+        check_times(signals, times, findings)
+    return signals, experiment
+
+
+def _rare_rows(decimation: int, experiment: ExperimentTimes) -> str:
+    """What a decimation leaves out."""
+    step, missed = float(experiment.step_size), experiment.steps % decimation
+    last = float(experiment.stop_time) - missed * step
+    end = f" The last row is at {last:.9g} s, before the end of the run." if missed else ""
+    return (
+        f"figures and pictures are of the recorded rows, {decimation * step:.6g} s apart: peaks between them are not "
+        f"seen.{end}"
+    )
+
+
+def _units_of_inputs(
+    signals: Mapping[str, SignalSource], connections: Sequence[Connection], ports: Mapping[str, Ports]
+) -> dict[str, SignalSource]:
+    """The signals, with units for columns that state none.
+
+    Such a column gets the unit of the inputs that take its values unchanged, if they all have the same unit.
+    """
+    result = dict(signals)
+    for name, signal in signals.items():
+        variables = dict(signal.variables)
+        for column, variable in signal.variables.items():
+            taken = [c for c in connections if c.source == (name, column) and c.units == "same" and c.factor == 1.0]
+            units = {ports[c.target[0]].variables[c.target[1]].unit for c in taken}
+            if variable.unit is None and len(units) == 1:
+                variables[column] = replace(variable, unit=units.pop())
+        result[name] = replace(signal, variables=variables)
+    return result
+
+
+def _connection_content(connection: Connection) -> list[Any]:
+    content: list[Any] = [str(connection), connection.factor, connection.offset]
+    if connection.added:
+        content.append("added")
+    if connection.noise is not None:
+        content.append(f"noise of {connection.noise.rms!r}, seed {connection.noise.seed}")
+    return content
 
 
 def _read_ssp(path: Path) -> tuple[dict[str, Any], Path, tuple[str, ...]]:
