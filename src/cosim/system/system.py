@@ -89,7 +89,7 @@ from .parts import Connection, Instance, Order, Ports, SignalSource
 from .record import recorded_variables
 from .samples import check_steps
 from .single import fmu_document, full_names
-from .values import fraction, start_value
+from .values import fraction, show_value, start_value
 
 KEYS = ("description", "connections", "experiment", "instances", "signals", "record")
 """The tables and keys at the top of a system file."""
@@ -285,6 +285,9 @@ def _checked(
     """
     findings = Findings(name, problems)
     findings.known_keys("", document, KEYS)
+    description = document.get("description", "")
+    if not isinstance(description, str):
+        findings.problem("description", f"must be a text, not {show_value(description)}.")
     instances = read_instances(document, Places(folder, fmus), findings)
     signals, experiment = _signals_and_experiment(document, instances, folder, findings)
     ports: dict[str, Ports] = {**{name: instance.fmu for name, instance in instances.items()}, **signals}
@@ -304,7 +307,7 @@ def _checked(
         raise DescriptionError(list(dict.fromkeys(findings.problems)))
     return System(
         name=name,
-        description=str(document.get("description", "")),
+        description=str(description),
         instances=tuple(instances.values()),
         signals=tuple(signals.values()),
         connections=connections,
