@@ -119,10 +119,11 @@ def test_tune(call: Any, tmp_path: Path) -> None:
         '[parameters]\n"controller.K_P" = { from = 200.0, to = 900.0 }\n[experiment]\nstop_time = 0.05\n',
         encoding="utf-8",
     )
-    found = call("tune", file, "--start", tmp_path / "start.toml", "--base", "gain.toml")
+    found = call("tune", file, "--start", tmp_path / "start.toml")
     assert found["feasible"]
     assert 200.0 <= found["parameters"]["controller.K_P"] <= 900.0
     assert "K_P" in (tmp_path / "start.toml").read_text(encoding="utf-8")
+    assert 'base = "maeda2008/gain"' in (tmp_path / "start.toml").read_text(encoding="utf-8")
 
 
 def test_linearize(call: Any, native: Path, tmp_path: Path) -> None:

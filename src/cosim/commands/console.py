@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WIDTH = 80
-"""Width in characters of tables that are written to a file or a pipe."""
+"""Width in characters of tables that are written to a file or a pipe: the usual width of a terminal."""
 QUIET_SECONDS = 1.0
-"""Work that takes less time shows no progress bar."""
+"""Work that takes less time shows no progress bar: a bar that vanishes at once is no help."""
 
 
 def standard_output() -> Console:

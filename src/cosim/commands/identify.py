@@ -9,6 +9,7 @@ from typing import Any
 from ..errors import DescriptionError
 from .console import check_files, check_plot, common_arguments, print_note, show, write_files
 from .parser import number, positive
+from .systems import base_argument
 
 
 def add(commands: Any) -> None:
@@ -41,7 +42,7 @@ def add(commands: Any) -> None:
     nct.add_argument("--input", metavar="INST.VAR", help="input of the plant (default: plant.command)")
     nct.add_argument("--output", type=Path, metavar="FILE", help="write the curve (.csv)")
     nct.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the NCT (.toml)")
-    nct.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
+    base_argument(nct, "the start file")
     nct.add_argument("--plot", type=Path, metavar="FILE", help="draw the phase plane")
     common_arguments(nct, _identify)
     _add_friction(identify)
@@ -120,11 +121,15 @@ def _friction(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> int:
     from ..design import identify
+    from ..fmu.places import base_name
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
     check_files(options.output, options.start)
     check_plot(options.plot)
+    base = None
+    if options.start is not None and options.base is not None:
+        base = base_name(options.base, options.start)
     nct = identify.identify_nct(
         options.source,
         alpha=options.alpha,
@@ -152,7 +157,7 @@ def _identify(options: argparse.Namespace) -> int:
     show(options, {name: value for name, value, _ in figures}, [("NCT", "", ""), *rows], str(options.source))
     written = write_files(
         (options.output, lambda path: identify.write_nct(nct, path)),
-        (options.start, lambda path: identify.write_start(nct, path, gains=gains, base=options.base)),
+        (options.start, lambda path: identify.write_start(nct, path, gains=gains, base=base)),
         (options.plot, lambda path: identify.plot_nct(nct, path)),
     )
     return 0 if written else 1

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 SHOWN_FINDINGS = 30
-"""Largest number of findings about the file that are shown."""
+"""Largest number of findings about the file that are shown. They fit on one screen."""
 
 
 def add(commands: Any) -> None:

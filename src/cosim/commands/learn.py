@@ -9,7 +9,7 @@ from typing import Any
 
 from .console import Bar, check_files, check_plot, common_arguments, set_argument, show, write_files
 from .parser import count
-from .systems import given_values
+from .systems import base_argument, given_values
 
 
 def add(commands: Any) -> None:
@@ -38,7 +38,7 @@ def add(commands: Any) -> None:
         metavar="DIR",
         help="folder of the tables (default: results/pulses)",
     )
-    pulse.add_argument("--base", metavar="NAME", help="the file beside it that DIR/tables.toml completes")
+    base_argument(pulse, "DIR/tables.toml", "SYSTEM")
     pulse.add_argument(
         "--monitor", action="store_true", help="compare J with DIR/AXIS.json; learn anew above 1.5 times"
     )
@@ -50,12 +50,14 @@ def add(commands: Any) -> None:
 
 def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
+    from ..fmu.places import base_name
 
     tables = options.output / "tables.toml"
     check_files(tables)
     check_plot(options.plot)
     well = True
     values = given_values(options.values)
+    base = base_name(options.base or options.system, tables)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}
     anew: list[str] = []
@@ -105,7 +107,7 @@ def _learn(options: argparse.Namespace) -> int:
     kept = "nothing learned anew" if not anew else f"tables in {tables}"
     show(options, {"pulses": content, "tables": str(tables) if anew else None}, rows, f"Friction pulses, {kept}")
     well = well and write_files(
-        (tables if anew else None, lambda path: pulse.write_start(learned, path, base=options.base)),
+        (tables if anew else None, lambda path: pulse.write_start(learned, path, base=base)),
         (options.plot, lambda path: pulse.plot_learned(learned, path)),
     )
     return 0 if well else 1

@@ -41,8 +41,11 @@ A longer record is written to its file during the run. Figures are then computed
 _FILES = ("output", "plot", "report")
 """Options that name the files of a run."""
 MAX_SHOWN_MESSAGES = 20
+"""Largest number of messages of FMUs that are shown after a run; the gravest come first."""
 MAX_SHOWN_TEXT = 1000
+"""Largest number of characters shown of a message; about twelve lines of a terminal."""
 MAX_SHOWN_NAMES = 5
+"""Largest number of names of variables in a line about values that are not finite."""
 TRIAL_SECONDS = 2.0
 """Time that the end of a run waits for the trial, which looks for forgotten inputs at the same time."""
 _GRAVITY = {"OK": 0, "Warning": 1, "Discard": 2}

@@ -30,7 +30,7 @@ from .fit_statistics import NORMAL, Peak, Spread, Weak, agreement, peaks, repeat
 from .workers import check_workers
 
 ALIKE = 0.99
-"""Pairs of values with a larger correlation are reported."""
+"""Pairs of values with a larger correlation are reported: the records hardly tell them apart."""
 
 Advance = Callable[[int, float], None]
 """Function called with the number of runs so far and the best sum of squares divided by the number of samples."""
@@ -78,7 +78,7 @@ class OutputFit:
     expected: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fitted:
     """The result of ``fit`` or ``sensitivities``."""
 
@@ -99,6 +99,15 @@ class Fitted:
     workers: int
     costs: tuple[float, ...]
     """For each starting point, the final sum of squares divided by the number of samples; infinite if it failed."""
+
+    def __repr__(self) -> str:
+        values = ", ".join(
+            f"{e.name} = {e.value:.5g}"
+            + (f" +- {0.5 * (e.high - e.low):.2g}" if e.told else " (not told)")
+            + f" {e.unit}"
+            for e in self.estimates
+        )
+        return f"<Fitted {self.fit.name}: {values}; {self.message}>"
 
     @property
     def values(self) -> dict[str, float]:
@@ -292,7 +301,7 @@ def summary(fitted: Fitted) -> dict[str, Any]:
 
 
 def write_fit(fitted: Fitted, folder: Path, *, base: str | None = None) -> list[Path]:
-    """Write start.toml, fit.json, and for each record NAME.csv with measured and expected signals and their difference.
+    """Write start.toml, fit.json, and for each record NAME.csv with its measured and expected signals.
 
     ``base`` is the system file that start.toml extends. Returns the paths. Raises FileError.
     """

@@ -28,7 +28,6 @@ from .documents import MOST_RUNS, AxisData, RunsData, SweepData
 
 Value = float | str | bool
 
-
 Point = tuple[Value, ...]
 
 

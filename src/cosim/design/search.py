@@ -13,13 +13,19 @@ from ..errors import DescriptionError
 from ..result.metrics import Array
 
 SCAN = 1.15
-"""Ratio of neighbouring gains in the upward scan, before the limit is passed."""
+"""Ratio of neighbouring gains in the upward scan, before the limit is passed.
+
+A larger ratio might jump over a narrow unstable range; a smaller one takes more runs.
+"""
 PRECISION = 1.005
-"""Ratio of the first unstable to the last stable gain at the end of a search."""
+"""Ratio of the first unstable to the last stable gain at the end of a search: the limit is known to 0.5 %."""
 SWING = 50e-9
 """Smallest peak-to-peak value in m that counts as an oscillation."""
 KEPT = 0.8
-"""A sustained oscillation keeps at least this share of its size from the third quarter of a run to the last."""
+"""A sustained oscillation keeps at least this share of its size from the third quarter of a run to the last.
+
+Oscillations that decay lose more; beats of a sustained one lose less.
+"""
 CROSSINGS = 8
 """Least number of zero crossings in the last quarter; a signal with fewer is a creep, not an oscillation."""
 

@@ -53,6 +53,7 @@ BATCH_SECONDS = 1.0
 a sweep is interrupted."""
 
 MAX_BATCH = 500
+"""Largest number of runs in a batch, however short they are: progress is reported and kept batch by batch."""
 
 DEATHS = 2
 """A run has failed if this many workers of a cluster died during it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import contextlib
 import tomllib
 from decimal import Decimal
 from pathlib import Path
@@ -18,9 +19,10 @@ _MARKS = (
 """Byte order marks and the encodings that they announce."""
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, fallback: str = "") -> str:
     """The text of a file in UTF-8, or in UTF-16 with a byte order mark. All line ends become ``\\n``.
 
+    Text that is not UTF-8 is read in the encoding ``fallback``, if one is given.
     Raises DescriptionError if the file is missing, cannot be read, or has another encoding.
     """
     try:
@@ -31,15 +33,21 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
+    # UTF-16 without a mark can be valid UTF-8: its text is then full of zeros.
+    if encoding == "utf-8" and b"\0" in content[:1000]:
+        raise DescriptionError(f"{path}: is no text, or UTF-16 without a byte order mark. Save it as UTF-8.")
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
-        if b"\0" in content[:4]:
-            raise DescriptionError(
-                f"{path}: is no text, or UTF-16 without a byte order mark. Save it as UTF-8."
-            ) from None
+        if fallback and encoding == "utf-8":
+            with contextlib.suppress(UnicodeDecodeError):
+                return _with_line_ends(content.decode(fallback))
         line = content.count(b"\n", 0, error.start) + 1
         raise DescriptionError(f"{path}: line {line} is not {encoding.upper()} text. Save the file as UTF-8.") from None
+    return _with_line_ends(text)
+
+
+def _with_line_ends(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -2,8 +2,8 @@
 
 A system file is TOML::
 
-    base = "common.toml"                      # optional: the file that this file completes; it is in the same folder,
-                                              # or is a system that comes with cosim, such as "shams2010/fsmc_5sin"
+    base = "common.toml"                      # optional: the file that this file completes; relative to this file,
+                                              # or a system that comes with cosim, such as "shams2010/fsmc_5sin"
     description = "Two lags in a row"
     connections = [
         "source.position -> controller.position_ref",
@@ -70,7 +70,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -95,7 +95,7 @@ KEYS = ("description", "connections", "experiment", "instances", "signals", "rec
 """The tables and keys at the top of a system file."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class System:
     """A checked system; ``read_system`` and ``make_system`` create it."""
 
@@ -116,11 +116,18 @@ class System:
     decimation: int
     notes: tuple[str, ...]
     """Remarks on things that are legal but may surprise."""
-    notes_of_file: tuple[str, ...] = field(repr=False)
+    notes_of_file: tuple[str, ...]
     """The part of ``notes`` that was found while the file was read."""
-    document: Mapping[str, Any] = field(repr=False)
-    folder: Path = field(repr=False)
-    fmus: Path | None = field(repr=False)
+    document: Mapping[str, Any]
+    folder: Path
+    fmus: Path | None
+
+    def __repr__(self) -> str:
+        instances = ", ".join(f"{instance.name} ({instance.fmu.name})" for instance in self.instances)
+        return (
+            f"<System {self.name}: {instances}; {self.steps} steps of {float(self.step_size):g} s "
+            f"from {float(self.start_time):g} s to {float(self.stop_time):g} s>"
+        )
 
     @cached_property
     def digest(self) -> str:
@@ -239,7 +246,7 @@ def read_system(
     if has_ending(path, ".ssp", ".ssd"):
         loaded, folder, notes = _read_ssp(path)
     elif has_ending(path, ".fmu"):
-        loaded = fmu_document(path)
+        loaded, notes = fmu_document(path, stop_time, step_size)
         overrides = full_names(loaded, overrides or {})
         record = None if record is None else list(full_names(loaded, dict.fromkeys(record)))
     else:
@@ -300,6 +307,8 @@ def _checked(
         findings.problem(
             "record.decimation", f"{decimation} is more than the {experiment.steps} steps of the run. Take less."
         )
+    elif decimation > 1 and experiment.steps:
+        findings.note("record.decimation", _rare_rows(decimation, experiment))
     evaluated = tuple(instances)
     if not findings.problems:
         evaluated = evaluation_order(instances, connections, experiment.order, findings)
@@ -349,6 +358,17 @@ def _signals_and_experiment(
         times = float(experiment.start_time), float(experiment.stop_time), float(experiment.step_size)
         check_times(signals, times, findings)
     return signals, experiment
+
+
+def _rare_rows(decimation: int, experiment: ExperimentTimes) -> str:
+    """What a decimation leaves out."""
+    step, missed = float(experiment.step_size), experiment.steps % decimation
+    last = float(experiment.stop_time) - missed * step
+    end = f" The last row is at {last:.9g} s, before the end of the run." if missed else ""
+    return (
+        f"figures and pictures are of the recorded rows, {decimation * step:.6g} s apart: peaks between them are not "
+        f"seen.{end}"
+    )
 
 
 def _units_of_inputs(

@@ -15,10 +15,8 @@ from ..fmu.variables import Value, Variable
 
 _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
 
-
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """A number as people type it. TOML is stricter: it needs digits on both sides of the point, and no leading zeros."""
-
 
 RANGES = {
     "Integer": (-(2**31), 2**31 - 1),
@@ -26,7 +24,6 @@ RANGES = {
     **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
 }
 """Smallest and largest value of each integer type of FMI."""
-
 
 MOST_SHOWN = 200
 """Largest number of characters of a value in a message."""
