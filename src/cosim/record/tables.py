@@ -220,7 +220,7 @@ def _mat_content(path: Path) -> dict[str, Any]:
         raise DescriptionError(f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7.")
     if kind == "damaged":
         raise DescriptionError(f"{path}: is no MAT file that can be read ({content}).")
-    return content
+    return cast("dict[str, Any]", content)
 
 
 def _leaves(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
