@@ -10,7 +10,7 @@ from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Any, cast
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, clipped, suggest
 from ..fmu.variables import Value, Variable
 
 _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
@@ -24,9 +24,6 @@ RANGES = {
     **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
 }
 """Smallest and largest value of each integer type of FMI."""
-
-MOST_SHOWN = 200
-"""Largest number of characters of a value in a message."""
 
 MOST_DIGITS = 300
 """Largest number of digits of a fraction. Doubles have numbers up to 1.8e308."""
@@ -110,9 +107,11 @@ def whole(ratio: Fraction) -> int | None:
 
 def show_value(value: object) -> str:
     """A value as it is written in a system file. Of a long one, only the beginning is shown."""
-    text = str(value) if not isinstance(value, bool) else str(value).lower()
-    text = text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]} ..."
-    return f'"{text}"' if isinstance(value, str) else text
+    if isinstance(value, str):
+        return f'"{clipped(value)}"'
+    if isinstance(value, bool):
+        return str(value).lower()
+    return clipped(str(value))
 
 
 def show_start(variable: Variable, value: Value) -> str:
