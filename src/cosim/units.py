@@ -135,6 +135,7 @@ _SYMBOLS: dict[str, Unit] = {
     "s": _base(s=1),
     "ms": _base(1e-3, s=1),
     "us": _base(1e-6, s=1),
+    "ns": _base(1e-9, s=1),
     "min": _base(60.0, s=1),
     "h": _base(3600.0, s=1),
     "A": _base(A=1),

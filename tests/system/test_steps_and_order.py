@@ -246,6 +246,33 @@ def test_an_fmu_without_a_step_takes_a_thousandth(tmp_path: Path) -> None:
     ]
 
 
+def test_the_given_end_decides_the_step_of_an_fmu_without_one(tmp_path: Path) -> None:
+    path = write_gain(tmp_path, "Gain", "m", "m")
+    assert read_system(path, stop_time=4).step_size == Decimal("0.004")
+    assert read_system(path, stop_time="0.5").steps == 1000
+    assert read_system(path, stop_time="1/3").steps == 1000
+    path = write_gain(tmp_path, "Other", "m", "m", experiment='startTime="1" stopTime="2"')
+    assert read_system(path, stop_time="3").step_size == Decimal("0.002")
+
+
+def test_a_step_of_the_file_that_does_not_divide_its_times_ends_the_run_before(tmp_path: Path) -> None:
+    path = write_gain(tmp_path, "Gain", "m", "m", experiment='startTime="0.5" stopTime="2" stepSize="0.4"')
+    system = read_system(path)
+    assert (system.stop_time, system.step_size, system.steps) == (Decimal("1.7"), Decimal("0.4"), 3)
+    assert "the file's step of 0.4 s does not divide its times: the run ends at 1.7 s." in system.notes
+    with pytest.raises(DescriptionError, match="does not divide"):
+        read_system(path, stop_time="2")
+    with pytest.raises(DescriptionError, match="does not divide"):
+        read_system(path, step_size="0.7")
+
+
+@pytest.mark.parametrize("experiment", ['stopTime="INF"', 'startTime="INF" stopTime="1"', 'stopTime="NaN"'])
+def test_times_of_a_file_that_are_not_finite_are_refused(tmp_path: Path, experiment: str) -> None:
+    path = write_gain(tmp_path, "Gain", "m", "m", experiment=experiment)
+    with pytest.raises(DescriptionError, match="is not a finite number of seconds"):
+        read_system(path)
+
+
 def test_an_fmu_may_be_exported_and_run_again(tmp_path: Path) -> None:
     path = write_gain(tmp_path, "Gain", "m", "m", experiment='stopTime="1" stepSize="0.5"')
     system = read_system(path, {"u": 2})

@@ -55,7 +55,7 @@ def _agreement(fitted: Fitted) -> Table:
         for c in fitted.comparisons
     ]
     headings = ("Record", "", "rms", "Largest", "Unit", "rms / %", "Fit / %", "Lap to lap, rms")
-    return Table(rows, headings, "Record less system. A record that was not fitted is the one to trust.")
+    return Table(rows, headings, "Record minus system. A record that was not fitted is the one to trust.")
 
 
 def _charts(fitted: Fitted) -> list[Chart]:
@@ -64,7 +64,7 @@ def _charts(fitted: Fitted) -> list[Chart]:
         panels: list[Panel] = []
         for c in _of(fitted, record):
             lines = Series("record", c.time, c.measured, 0), Series("system", c.time, c.expected, 1, dashed=True)
-            off = Series("record less system", c.time, c.measured - c.expected, 2)
+            off = Series("record minus system", c.time, c.measured - c.expected, 2)
             panels += [Panel(c.output, c.unit, lines), Panel(f"{c.output}, difference", c.unit, (off,))]
         found.append(Chart(panels, f"Record {record}."))
     return found

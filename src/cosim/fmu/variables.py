@@ -91,21 +91,24 @@ def suggest_variable(
 def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:
     """The variables of FMPy's ModelDescription by name. Broken rules are appended to ``findings``.
 
-    Raises DescriptionError for too many variables, and for two different variables with one name.
+    Different variables of one name are left out: the name would not tell which is meant.
+    Raises DescriptionError for too many variables.
     """
     version, units = int(model.fmiMajorVersion), {unit.name: unit for unit in model.unitDefinitions}
     count = sum(math.prod(v.shape) for v in model.modelVariables)
     if count > MAX_VARIABLES:
         raise DescriptionError(f"{model.modelName}: {count} variables, at most {MAX_VARIABLES} are read.")
     found: dict[str, Variable] = {}
+    twice: dict[str, None] = {}
     for v in model.modelVariables:
         if v.causality == "independent":
             continue
         for variable in _scalars(v, version, units, findings):
             other = found.setdefault(variable.name, variable)
             if (other.type, other.reference) != (variable.type, variable.reference):
-                raise DescriptionError(f"{model.modelName}: two variables have the name '{variable.name}'.")
-    return found
+                twice.update(dict.fromkeys((variable.name, *variable.whole, *other.whole)))
+    findings += [f"more than one variable has the name '{name}'. Left out." for name in twice]
+    return {name: variable for name, variable in found.items() if name not in twice}
 
 
 def read_dependencies(

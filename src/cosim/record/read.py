@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError, suggest
 from ..units import conversion
 from .csv import shortened
+from .frame import dataframe, listed, span
 from .header import TIME_NAMES, split_label, unit_text
-from .tables import Table, open_table
+from .tables import TEXT, Table, open_table
 
 Array = NDArray[np.float64]
 
@@ -25,9 +27,9 @@ Rounding of the times in logs causes smaller differences.
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Record:
-    """The signals of a file: ``columns`` over ``time``, with one value for each sample."""
+    """The signals of a file: ``record["x"]`` is an array over ``record.time``, in ``record.units["x"]``."""
 
     path: Path
     time: Array
@@ -39,16 +41,37 @@ class Record:
     metadata: Mapping[str, object]
     """Other data in the file. The file of a run holds its system, versions, messages ..."""
 
+    def __repr__(self) -> str:
+        signals = listed(f"{name} [{self.units[name]}]" if self.units[name] else name for name in self.columns)
+        return f"<Record {self.path.name}: {span(self.time)}, every {self.step:.6g} s: {signals}>"
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a column. Raises DescriptionError if there is no column of this name."""
+        return self.column(name)
+
     def column(self, name: str) -> Array:
         """The values of a column. Raises DescriptionError if there is no column of this name."""
         if name not in self.columns:
             raise DescriptionError(f"{self.path}: no column '{name}'.{suggest(name, self.columns)}")
         return self.columns[name]
 
+    def to_dataframe(self, *, units: bool = False) -> Any:
+        """A pandas DataFrame over time; ``attrs`` holds the units and the metadata. With ``units`` names have units.
+
+        pandas is not a dependency of this package. Raises DescriptionError if it is not installed.
+        """
+        values = np.column_stack(list(self.columns.values()))
+        return dataframe(self.time, values, dict(self.units), self.metadata, in_names=units)
+
     @property
     def step(self) -> float:
-        """The usual step of time in s, the median; 0 for a single sample."""
-        return float(np.median(np.diff(self.time))) if self.time.size > 1 else 0.0
+        """The usual step of time in s: the mean if no step is uneven, else the median; 0 for a single sample."""
+        if self.time.size < 2:
+            return 0.0
+        steps = np.diff(self.time)
+        median = float(np.median(steps))
+        uneven = bool(np.any(np.abs(steps - median) > UNEVEN * median))
+        return median if uneven else float(self.time[-1] - self.time[0]) / steps.size
 
     def uneven(self) -> str:
         """A sentence about steps of time that differ from the usual step; "" if all are equal."""
@@ -93,8 +116,8 @@ def read_record(
 ) -> Record:
     """Read a record from a .csv (.tsv, .txt, .dat), .parquet or .mat file.
 
-    In a CSV file, comma, semicolon or tab divides the cells. Numbers have a decimal point or comma. The first line
-    names the columns; a row of units may follow. A name may hold the unit: column ``x [mm]`` is ``x`` in mm.
+    In a CSV file, comma, semicolon, tab or blanks divide the cells. Numbers have a decimal point or comma. The first
+    line names the columns; a row of units may follow. A name may hold the unit: column ``x [mm]`` is ``x`` in mm.
     Parquet needs the extra ``parquet``, MAT (version 5) the extra ``tools``.
 
     ``time``: name of the column of time (default: the column called time, t or zeit).
@@ -183,7 +206,8 @@ def _time_column(names: _Names, time: str | None, sampling_time: float | None, p
         found = [i for i, name in enumerate(names.names) if name.rpartition(".")[2].strip().casefold() == known]
         if len(found) == 1:
             return found[0]
-    marks = " Cells are divided by comma, semicolon or tab." if len(names.names) == 1 else ""
+    alone = len(names.names) == 1 and names.path.suffix.lower() in TEXT
+    marks = " Cells are divided by comma, semicolon, tab or blanks." if alone else ""
     known = suggest("time", names.names)
     problems.append(f"{names.path}: which column is the time? Name it, or give a sampling time.{known}{marks}")
     return None

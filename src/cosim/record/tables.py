@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickle
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
-from ..extras import import_extra
+from ..extras import import_extra, require
+from ..files import reason
 from .csv import CsvTable
 from .description import columns_of, read_description
 
@@ -84,11 +88,13 @@ def file_metadata(path: Path) -> Mapping[str, object]:
 class _Arrays:
     """A table whose columns are arrays of numbers."""
 
-    def __init__(self, columns: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, object]) -> None:
-        self.labels = list(columns)
+    def __init__(
+        self, labels: Sequence[str], columns: Sequence[NDArray[np.float64]], metadata: Mapping[str, object]
+    ) -> None:
+        self.labels = list(labels)
         self.units = ["" for _ in columns]
         self.metadata = metadata
-        self._columns = list(columns.values())
+        self._columns = list(columns)
 
     def values(self, columns: Sequence[int]) -> NDArray[np.float64]:
         return np.column_stack([self._columns[column] for column in columns])
@@ -117,27 +123,28 @@ class ParquetTable(_Arrays):
             table = file.read()
         except (arrow.ArrowException, OSError) as error:
             raise DescriptionError(f"{path}: is no Parquet file that can be read ({error}).") from None
-        columns: dict[str, NDArray[np.float64]] = {}
-        self._texts: dict[str, list[object]] = {}
-        for name, column in zip(table.column_names, table.columns, strict=True):
+        columns: list[NDArray[np.float64]] = []
+        self._others: dict[int, str] = {}
+        """Why the values of a column are no numbers, by the number of the column."""
+        of = arrow.types
+        for number, column in enumerate(table.columns):
             kind = column.type
-            if arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_boolean(kind):
-                columns[name] = column.cast(arrow.float64()).to_numpy()
-            else:
-                self._texts[name] = column.slice(0, 1).to_pylist()
-                columns[name] = np.full(len(column), np.nan)
-        super().__init__(columns, _decoded(file.metadata.metadata or {}))
+            if of.is_floating(kind) or of.is_integer(kind) or of.is_boolean(kind) or of.is_decimal(kind):
+                columns.append(column.cast(arrow.float64()).to_numpy())
+                continue
+            columns.append(np.full(len(column), np.nan))
+            self._others[number] = f"{next(iter(column.slice(0, 1).to_pylist()), None)!r} is not a number."
+            if of.is_temporal(kind):
+                self._others[number] = f"the values are of type {kind}. Write times in seconds, as numbers."
+        super().__init__(table.column_names, columns, _decoded(file.metadata.metadata or {}))
         fields: list[Mapping[bytes, bytes] | None] = [field.metadata for field in table.schema]
         self.units = [(field or {}).get(b"unit", b"").decode("utf-8", "replace") for field in fields]
 
     def is_number(self, row: int, column: int) -> bool:
-        return self.labels[column] not in self._texts
+        return column not in self._others
 
     def wrong(self, row: int, column: int) -> str:
-        texts = self._texts.get(self.labels[column])
-        if texts is not None:
-            return f"{texts[0]!r} is not a number."
-        return super().wrong(row, column)
+        return self._others.get(column) or super().wrong(row, column)
 
 
 def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, object]:
@@ -155,22 +162,17 @@ def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, object]:
 
 
 class MatTable(_Arrays):
-    """The vectors of a MAT file. A vector in a struct is named ``struct.field``; a matrix has columns ``name[1]`` ...
+    """The vectors of a MAT file.
 
+    A vector in a struct is named ``struct.field``. The columns of a matrix and the elements of a struct array or cell
+    array are named ``name[1]``, ``name[2]`` ...
     Vectors of other lengths than the most common one are left out. Scalars and texts are metadata.
     Raises DescriptionError if scipy is not installed, if the file cannot be read, or if it has no vectors.
     """
 
     def __init__(self, path: Path) -> None:
-        scipy_io: Any = import_extra("scipy.io", f"{path}: to read MAT files")
-        try:
-            content = cast("dict[str, Any]", scipy_io.loadmat(path, simplify_cells=True))
-        except NotImplementedError:
-            raise DescriptionError(
-                f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7."
-            ) from None
-        except Exception as error:  # scipy raises exceptions of many classes for a damaged file
-            raise DescriptionError(f"{path}: is no MAT file that can be read ({error}).") from None
+        require("scipy", f"{path}: to read MAT files")
+        content = _mat_content(path)
         vectors: dict[str, NDArray[np.float64]] = {}
         metadata: dict[str, object] = {}
         for name, value in _leaves("", {key: value for key, value in content.items() if not key.startswith("__")}):
@@ -187,12 +189,46 @@ class MatTable(_Arrays):
         if not lengths:
             raise DescriptionError(f"{path}: holds no vectors of numbers.")
         length = max(lengths, key=lambda size: (lengths.count(size), size))
-        super().__init__({name: vector for name, vector in vectors.items() if vector.size == length}, metadata)
+        kept = {name: vector for name, vector in vectors.items() if vector.size == length}
+        super().__init__(list(kept), list(kept.values()), metadata)
+
+
+_MAT_PROGRAM = """
+import pickle, sys
+sys.path[:] = pickle.load(sys.stdin.buffer)
+try:
+    import scipy.io
+    answer = "content", scipy.io.loadmat(sys.argv[1], simplify_cells=True)
+except NotImplementedError:
+    answer = "newer", ""
+except Exception as error:  # scipy raises exceptions of many classes for a damaged file
+    answer = "damaged", str(error)
+pickle.dump(answer, sys.stdout.buffer)
+"""
+"""Reads a MAT file in a process of its own: some damaged files make scipy crash its process."""
+
+
+def _mat_content(path: Path) -> dict[str, Any]:
+    """The variables of a MAT file by name. Raises DescriptionError."""
+    try:
+        command = [sys.executable, "-c", _MAT_PROGRAM, str(path)]
+        done = subprocess.run(command, input=pickle.dumps(sys.path), capture_output=True, check=False)
+    except OSError as error:
+        raise DescriptionError(f"{path}: the process that reads it cannot be started: {reason(error)}.") from None
+    kind, content = pickle.loads(done.stdout) if done.returncode == 0 else ("damaged", "reading it crashed")
+    if kind == "newer":
+        raise DescriptionError(f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7.")
+    if kind == "damaged":
+        raise DescriptionError(f"{path}: is no MAT file that can be read ({content}).")
+    return cast("dict[str, Any]", content)
 
 
 def _leaves(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for name, value in content.items():
         if isinstance(value, dict):
             yield from _leaves(f"{prefix}{name}.", cast("dict[str, Any]", value))
+        elif isinstance(value, list):
+            elements = enumerate(cast("list[Any]", value), 1)
+            yield from _leaves(prefix, {f"{name}[{number}]": element for number, element in elements})
         else:
             yield f"{prefix}{name}", value
