@@ -31,6 +31,8 @@ class Variable:
     variability: str | None = None
     depends_on: tuple[str, ...] | None = ()
     """Inputs an output depends on; None writes no ``dependencies`` at all."""
+    relative: bool = False
+    """Whether a Real is a difference (relativeQuantity)."""
     items: tuple[str, ...] = ()
 
 
@@ -80,6 +82,8 @@ def description(
             + ((("min", variable.min), ("max", variable.max)) if variable.type != "Boolean" else ())
             if value is not None
         ]
+        if variable.relative:
+            values.append('relativeQuantity="true"')
         if variable.items:
             types.append(
                 f'<SimpleType name="{variable.name}"><Enumeration>'
@@ -143,11 +147,22 @@ def write_fmu(path: Path, variables: Sequence[Variable], *, binary: bytes = b"",
 
 
 def write_gain(
-    folder: Path, name: str, u: str, z: str, *, base_units: Mapping[str, str] | None = None, experiment: str = ""
+    folder: Path,
+    name: str,
+    u: str | None,
+    z: str | None,
+    *,
+    base_units: Mapping[str, str] | None = None,
+    experiment: str = "",
+    relative: bool = False,
 ) -> Path:
     """The probe as ``folder/name.fmu`` with an input ``u`` and an output ``z = gain*u`` in these units."""
     units = {"u": u, "z": z}
-    variables = [replace(v, unit=units.get(v.name)) for v in PROBE if v.name in ("u", "z", "gain")]
+    variables = [
+        replace(v, unit=units.get(v.name), relative=relative and v.name in units)
+        for v in PROBE
+        if v.name in ("u", "z", "gain")
+    ]
     binary = probe_library().read_bytes()
     return write_fmu(folder / f"{name}.fmu", variables, binary=binary, base_units=base_units, experiment=experiment)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
 MOST_LISTED = 12
-"""Known names that still fit into a message."""
+"""Largest number of known names that a message lists: about two lines."""
 MOST_MEANT = 3
 """Names that may be meant by a word; with more the word says too little."""
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache
 
@@ -29,6 +29,8 @@ class Unit:
     factor: float
     exponents: tuple[Fraction, ...]
     offset: float = 0.0
+    cycles: Fraction = field(default=Fraction(0), compare=False)
+    """Exponent of Hz in the text of the unit: a cycle is a turn of 2*pi rad, though its exponents are those of 1/s."""
 
     def __str__(self) -> str:
         """The unit in base units, such as ``3600 s``, ``9.80665 m/s2`` or ``K + 273.15``."""
@@ -43,12 +45,18 @@ class Unit:
 
     def power(self, exponent: Fraction) -> Unit:
         """The unit to a power. The offset is dropped: ``degC`` in a power means a temperature difference."""
-        return Unit(self.factor ** float(exponent), tuple(e * exponent for e in self.exponents))
+        exponents = tuple(e * exponent for e in self.exponents)
+        return Unit(self.factor ** float(exponent), exponents, cycles=self.cycles * exponent)
 
     def times(self, other: Unit) -> Unit:
         """The product of two units. Offsets are dropped: ``degC`` in a product means a temperature difference."""
         exponents = tuple(a + b for a, b in zip(self.exponents, other.exponents, strict=True))
-        return Unit(self.factor * other.factor, exponents)
+        return Unit(self.factor * other.factor, exponents, cycles=self.cycles + other.cycles)
+
+    @property
+    def difference(self) -> Unit:
+        """The unit of a difference of two values: the same, without offset."""
+        return replace(self, offset=0.0)
 
     @property
     def integral(self) -> bool:
@@ -66,12 +74,16 @@ class Unit:
     def conversion(self, target: Unit) -> tuple[float, float] | None:
         """Factor and offset with ``value in target = factor*value + offset``; None for different quantities.
 
-        An angle counts as a number, as in SI: ``rad`` converts to ``1``. But 1/s does not convert to rad/s, because 1/s
-        may count turns or radians.
+        An angle counts as a number, as in SI: ``rad`` converts to ``1``. But 1/s and 1/s2 do not convert to rad/s and
+        rad/s2, nor V/Hz to V.s/rad, because they may count turns or radians.
         """
         if self.exponents[:-1] != target.exponents[:-1]:
             return None
-        if self.exponents != target.exponents and self.exponents[:-1] == _PER_SECOND.exponents[:-1]:
+        only_time = all(
+            name == "rad" or (e < 0 if name == "s" else e == 0)
+            for name, e in zip(BASE_UNITS, self.exponents, strict=True)
+        )
+        if self.exponents != target.exponents and (only_time or self.cycles or target.cycles):
             return None
         return self.factor / target.factor, (self.offset - target.offset) / target.factor
 
@@ -80,11 +92,8 @@ def _symbol(name: str, exponent: Fraction) -> str:
     return name if exponent == 1 else f"{name}{float(exponent):g}"
 
 
-def _base(factor: float = 1.0, offset: float = 0.0, **exponents: int) -> Unit:
-    return Unit(factor, tuple(Fraction(exponents.get(name, 0)) for name in BASE_UNITS), offset)
-
-
-_PER_SECOND = _base(s=-1)
+def _base(factor: float = 1.0, offset: float = 0.0, cycles: int = 0, **exponents: int) -> Unit:
+    return Unit(factor, tuple(Fraction(exponents.get(name, 0)) for name in BASE_UNITS), offset, Fraction(cycles))
 
 
 _WORDS = {
@@ -126,6 +135,7 @@ _SYMBOLS: dict[str, Unit] = {
     "s": _base(s=1),
     "ms": _base(1e-3, s=1),
     "us": _base(1e-6, s=1),
+    "ns": _base(1e-9, s=1),
     "min": _base(60.0, s=1),
     "h": _base(3600.0, s=1),
     "A": _base(A=1),
@@ -141,8 +151,8 @@ _SYMBOLS: dict[str, Unit] = {
     "urad": _base(1e-6, rad=1),
     "deg": _base(math.pi / 180.0, rad=1),
     "rev": _base(2.0 * math.pi, rad=1),
-    "Hz": _base(s=-1),
-    "kHz": _base(1e3, s=-1),
+    "Hz": _base(s=-1, cycles=1),
+    "kHz": _base(1e3, s=-1, cycles=1),
     "rpm": _base(2.0 * math.pi / 60.0, rad=1, s=-1),
     "N": _base(kg=1, m=1, s=-2),
     "mN": _base(1e-3, kg=1, m=1, s=-2),

@@ -306,6 +306,8 @@ def test_every_problem_is_told_at_once(record: Write, folder: Path, native: Path
         ({"records": {"first": {"file": "first.csv", "use": "validate"}}}, "Leave one to be fitted"),
         ({"records": {"first": {"file": "none.csv"}}}, "none.csv"),
         ({"records": {"first": {"file": "first.csv", "window": [0.4, 0.41]}}}, "At least 20 are needed"),
+        ({"records": {"first": {"file": "first.csv", "window": [90.0, 99.0]}}}, "0 samples from 90 s"),
+        ({"outputs": {"position": {**POSITION, "delay": 1e9}}}, "At least 20 are needed"),
         ({"parameters": {"plant.m": {"from": 2.0, "to": 1.0}}}, "must rise"),
         ({"outputs": {"position": {**POSITION, "delay": {"from": 0.0}}}}, "upper end"),
         ({"loss": "l1"}, "loss"),

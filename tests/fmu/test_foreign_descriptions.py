@@ -114,6 +114,30 @@ def test_a_broken_rule_is_told_and_the_fmu_runs(tmp_path: Path, case: str, capsy
     assert "time_constant" in capsys.readouterr().out
 
 
+def test_variables_of_one_name_are_left_out(tmp_path: Path) -> None:
+    text = description(PROBE).replace('name="z"', 'name="clock"')
+    members = {"modelDescription.xml": text, library_name(): probe_library().read_bytes()}
+    path = write_zip(tmp_path / "Probe.fmu", members)
+    fmu = read_fmu(path)
+    assert "more than one variable has the name 'clock'. Left out." in fmu.findings
+    assert fmu.outputs == ("y", "count", "flag")
+    assert simulate(make_system(document(path), name="twice")).rows.shape == (11, 3)
+
+
+def test_backslashes_between_the_names_of_folders(tmp_path: Path) -> None:
+    path = tmp_path / "Probe.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in {
+            "modelDescription.xml": description(PROBE).encode(),
+            library_name(): probe_library().read_bytes(),
+            "resources/": b"",
+        }.items():
+            member = zipfile.ZipInfo()
+            member.filename = name.replace("/", "\\")  # the constructor would write slashes on Windows
+            archive.writestr(member, content)
+    assert simulate(make_system(document(path), name="backslashes")).rows.shape == (11, 3)
+
+
 def test_a_right_file_has_no_findings(tmp_path: Path) -> None:
     fmu = read_fmu(write_probe(tmp_path))
     assert (fmu.findings, fmu.obstacles) == ((), ())

@@ -96,6 +96,14 @@ def test_an_array_of_the_description_starts_with_its_values(tmp_path: Path) -> N
     assert "variable 'u_UInt16' has 2 start values for 3 elements. Left out." in fmu.findings
 
 
+@pytest.mark.parametrize("type_name", ["UInt8", "UInt64", "Int16", "Float32"])
+def test_bounds_of_every_number_count(tmp_path: Path, type_name: str) -> None:
+    attributes = 'valueReference="999" causality="parameter" variability="fixed" start="5" min="2" max="9"'
+    write_echo3(tmp_path / "Echo.fmu", more=f'<{type_name} name="p" {attributes}/>')
+    variable = read_fmu(tmp_path / "Echo.fmu").variables["p"]
+    assert (variable.min, variable.max) == (2.0, 9.0)
+
+
 @pytest.mark.parametrize(("type_name", "given"), [("UInt8", 300), ("Int8", 127), ("UInt16", 65535)])
 def test_a_value_beyond_its_type_is_told(fmus: Path, type_name: str, given: int) -> None:
     document: dict[str, Any] = {

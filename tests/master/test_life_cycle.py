@@ -111,3 +111,16 @@ def test_start_values_lost_at_initialization_are_set_again(tmp_path: Path, gain:
     }
     result = simulate(make_system(document, fmus=tmp_path))
     assert result["lag.z"].tolist() == [2.0 * gain] * 3
+
+
+def test_a_library_without_the_functions_of_capabilities_runs(tmp_path: Path) -> None:
+    write_fmu(tmp_path / "Lean.fmu", PROBE, binary=probe_library("lean").read_bytes())
+    write_probe(tmp_path)
+    experiment = {"stop_time": 1.0, "step_size": 0.1}
+    lean, whole = (
+        make_system({"instances": {"a": {"fmu": name, "start": {"u": 1.0}}}, "experiment": experiment}, fmus=tmp_path)
+        for name in ("Lean", "Probe")
+    )
+    assert np.array_equal(simulate(lean).rows, simulate(whole).rows)
+    with Simulation(lean) as simulation, pytest.raises(SimulationError, match="a: the library has no fmi2GetFMUstate"):
+        simulation.pause(0.5)

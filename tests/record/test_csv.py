@@ -34,14 +34,75 @@ def semicolons(text: str) -> str:
         POINTS.replace("\n", "\r\n").encode(),
         ("# recorded by hand\n\n" + POINTS.replace("t,u,x", '"t" , "u", "x"') + "\n").encode(),
         POINTS.replace("\n", ",\n").encode(),
+        (POINTS.replace("\n", ",,\n") + ",,,,\n,,,,\n").encode(),
+        POINTS.replace(",", " ").encode(),
+        ("# " + POINTS.replace(",", "   ")).encode(),
+        POINTS.replace(",", "  ").replace(".", ",").encode(),
     ],
-    ids=["plain", "semicolon", "decimal comma", "tab", "BOM", "UTF-16", "CRLF", "comment, blanks", "trailing comma"],
+    ids=[
+        *("plain", "semicolon", "decimal comma", "tab", "BOM", "UTF-16", "CRLF", "comment, blanks", "trailing comma"),
+        *("trailing commas and rows", "blanks", "blanks, names in a comment", "blanks, decimal comma"),
+    ],
 )
 def test_columns_are_read(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.CSV"
     path.write_bytes(content)
     record = read_record(path)
     assert {"t": record.time.tolist(), **{name: v.tolist() for name, v in record.columns.items()}} == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "unit"),
+    [
+        ("t [s];Weg [µm]\n0;1,5\n1;0\n", "Weg", "um"),
+        ("t,Kraft °,\n0,1.5\n1,0\n", "Kraft °", ""),
+        ('"t","x; filtered [mm]"\n0,1.5\n1,0\n', "x; filtered", "mm"),
+        ("t,x; filtered\n0,1.5\n1,0\n", "x; filtered", ""),
+        ('t;"x, raw"\n0;1.5\n1;0\n', "x, raw", ""),
+        ("t [ns];x\n0;1.5\n1e9;0\n", "x", ""),
+    ],
+)
+def test_heads_of_other_programs(tmp_path: Path, text: str, name: str, unit: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding="cp1252")
+    record = read_record(path)
+    assert record.time == pytest.approx([0.0, 1.0], rel=1e-15)
+    assert record.columns[name].tolist() == [1.5, 0.0]
+    assert record.units[name] == unit
+
+
+def test_digital_channels_are_0_and_1(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,on,off\n0,TRUE,False\n1,false,True\n", encoding="utf-8")
+    record = read_record(path)
+    assert record.columns["on"].tolist() == [1.0, 0.0]
+    assert record.columns["off"].tolist() == [0.0, 1.0]
+
+
+HEADING = "Recorder;A\nSerial;17\n\nTime;x;Time 2;y\n0;1;0;2\n1;2;1;3\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (
+            HEADING.encode(),
+            "line 1 has 2 cells, line 4 has 4. The first line must name the columns: leave out the lines",
+        ),
+        (b"Curve\nt;x\n0;1\n1;2\n", "line 1 has 1 cell, line 3 has 2. The first line must name the columns"),
+        (b"time,x\n2024-01-01T00:00:00,1\n", "'2024-01-01T00:00:00' is not a number but a date or a time of day."),
+        (b"t;x\n00:00:01,5;1\n", "'00:00:01,5' is not a number but a date or a time of day. Write times in seconds"),
+        (b"t;x\nLREAL;LREAL\n0;1\n", "'LREAL' is not a number. Leave out rows of text, and name the columns to read."),
+        ("t;x\n0;1\n".encode("utf-16-le"), "is no text, or UTF-16 without a byte order mark. Save it as UTF-8."),
+        (b"PK\x03\x04\x14\x00\x06\x00 a sheet of a spreadsheet", "is no text"),
+        (b"t|x\n0|1\n", "Cells are divided by comma, semicolon, tab or blanks."),
+    ],
+)
+def test_other_forms_are_refused_with_the_remedy(tmp_path: Path, content: bytes, text: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    with pytest.raises(DescriptionError, match=re.escape(text)):
+        read_record(path)
 
 
 @pytest.mark.parametrize(

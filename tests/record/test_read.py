@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow
+import pyarrow.parquet
 import pytest
 import scipy.io
 
@@ -114,9 +117,22 @@ def test_vectors_of_a_mat_file(tmp_path: Path) -> None:
     assert record.metadata == {"log.who": "me", "kp": 160.0}
 
 
+def test_struct_arrays_of_a_mat_file(tmp_path: Path) -> None:
+    """Simulink's structure with time holds one element of a struct array for each signal."""
+    values = [FORCE.reshape(-1, 1), np.column_stack((FORCE, 2 * FORCE))]
+    signals = np.array([(value, "x") for value in values], dtype=[("values", object), ("label", object)])
+    scipy.io.savemat(tmp_path / "a.mat", {"Scope": {"time": TIME, "signals": signals}})
+    record = read_record(tmp_path / "a.mat")
+    names = ["Scope.signals[1].values", "Scope.signals[2].values[1]", "Scope.signals[2].values[2]"]
+    assert list(record.columns) == names
+    assert record.columns[names[2]].tolist() == (2 * FORCE).tolist()
+    assert record.metadata["Scope.signals[2].label"] == "x"
+
+
 def test_parquet_of_others(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    pd.DataFrame({"n": [1, 2], "Time [ms]": [0, 10], "on": [True, False], "x [mm]": [0.5, 1.5]}).to_parquet(path)
+    n = [Decimal("1.0"), Decimal("2.0")]
+    pd.DataFrame({"n": n, "Time [ms]": [0, 10], "on": [True, False], "x [mm]": [0.5, 1.5]}).to_parquet(path)
     record = read_record(path)
     assert record.time.tolist() == [0.0, 0.01]
     assert {name: values.tolist() for name, values in record.columns.items()} == {
@@ -190,6 +206,15 @@ def parquet_text(path: Path) -> None:
     pd.DataFrame({"t": [0.0, 1.0], "x": ["on", "off"]}).to_parquet(path)
 
 
+def parquet_twice(path: Path) -> None:
+    table = pyarrow.table([pyarrow.array([0.0, 1.0])] * 3, names=["t", "x", "x"])
+    pyarrow.parquet.write_table(table, path)
+
+
+def parquet_dates(path: Path) -> None:
+    pd.DataFrame({"t": pd.date_range("2024-01-01", periods=2), "x": [1.0, 2.0]}).to_parquet(path)
+
+
 def mat_falling(path: Path) -> None:
     scipy.io.savemat(path, {"t": [0.0, 1.0, 1.0], "x": [1.0, 2.0, 3.0]})
 
@@ -215,6 +240,8 @@ def missing(path: Path) -> None:
     [
         ("a.parquet", parquet_nan, "row 2, column x: nan is not finite."),
         ("a.parquet", parquet_text, "row 1, column x: 'on' is not a number."),
+        ("a.parquet", parquet_twice, "more than one column is called 'x'. Rename one."),
+        ("a.parquet", parquet_dates, "column t: the values are of type timestamp["),
         ("a.parquet", rubbish, "is no Parquet file that can be read"),
         ("a.parquet", missing, "no such file"),
         ("a.mat", mat_falling, "row 3, column t: 1 s is not after 1 s"),

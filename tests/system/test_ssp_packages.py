@@ -9,6 +9,7 @@ import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fmu_files import PROBE, Variable, probe_library, write_fmu, write_gain
@@ -17,7 +18,7 @@ from cosim.errors import DescriptionError
 from cosim.master.simulation import simulate
 from cosim.system.ssp_read import read_ssp
 from cosim.system.ssp_write import write_ssp
-from cosim.system.system import System, read_system
+from cosim.system.system import System, make_system, read_system
 from cosim.system.toml_write import write_system
 
 SPACES = " ".join(
@@ -594,6 +595,22 @@ def test_notes_of_the_file_stay_with_a_changed_system(fmu: Path) -> None:
     found = read(package(fmu, system("top", gain("Motor 1"))))
     assert found.changed(stop_time=2.0).notes == found.notes
     assert found.changed({"Motor_1.gain": 2.0}).notes == found.notes
+
+
+def test_enumerations_of_other_items_are_noted(tmp_path: Path) -> None:
+    for name, items in (("A", ("off", "on")), ("B", ("on", "off")), ("C", ("off", "on"))):
+        variables = [
+            Variable("mode", "input", 0, "Enumeration", start="1", items=items),
+            Variable("state", "output", 1, "Enumeration", items=items),
+        ]
+        write_fmu(tmp_path / f"{name}.fmu", variables, binary=probe_library().read_bytes())
+    document: dict[str, Any] = {
+        "connections": ["a.state -> b.mode", "a.state -> c.mode"],
+        "experiment": {"stop_time": 1, "step_size": 1},
+        "instances": {name.lower(): {"fmu": f"./{name}.fmu"} for name in "ABC"},
+    }
+    notes = make_system(document, name="modes.toml", folder=tmp_path).notes
+    assert notes == ("connection a.state -> b.mode: its numbers choose items of mode: 1 on, 2 off.",)
 
 
 def test_an_integer_may_choose_the_item_of_an_enumeration(tmp_path: Path) -> None:

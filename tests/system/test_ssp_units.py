@@ -53,8 +53,9 @@ def package(folder: Path, *, a: tuple[str, str] = ("m", ""), b: tuple[str, str] 
     """``a`` and ``b`` are unit and BaseUnit of the FMUs; ``parts`` are those of the SSD, ``ssv`` a file beside it."""
     ssv = parts.pop("ssv", "")
     texts = {"system": "", "z": "", "u": "", "component": "", "attributes": "", "transformation": "", "units": ""}
+    relative = parts.pop("relative", "")
     for name, (unit, base) in (("A", a), ("B", b)):
-        write_gain(folder, name, unit, unit, base_units={unit: base} if base else {})
+        write_gain(folder, name, unit, unit, base_units={unit: base} if base else {}, relative=name == relative)
     path = folder / "foreign.ssp"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("SystemStructure.ssd", SSD.format(**{**texts, **parts}))
@@ -101,6 +102,14 @@ def test_offsets_count_for_values_too(tmp_path: Path) -> None:
     bound = binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>")
     system = package(tmp_path, a=("K", 'K="1"'), b=("K", ""), component=bound)
     assert system.instance("a").start == {"u": 278.15}
+
+
+def test_a_difference_takes_values_without_offset(tmp_path: Path) -> None:
+    text = SET.format(name="u", unit='unit="degC"', units="")
+    bound = binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>")
+    for unit, base in (("K", 'K="1"'), ("degC", 'K="1" offset="273.15"')):
+        system = package(tmp_path, a=(unit, base), b=("K", ""), component=bound, relative="A")
+        assert system.instance("a").start == {"u": 5.0}
 
 
 def test_a_set_and_an_fmu_may_mean_different_things_by_one_name(tmp_path: Path) -> None:

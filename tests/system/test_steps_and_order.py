@@ -147,6 +147,23 @@ def test_the_digest_tells_the_decimation(tmp_path: Path) -> None:
     assert system.changed(decimation=2).digest != system.digest
 
 
+@pytest.mark.parametrize(
+    ("decimation", "text"),
+    [
+        (1, ""),
+        (2, "figures and pictures are of the recorded rows, 0.2 s apart: peaks between them are not seen."),
+        (3, "not seen. The last row is at 0.9 s, before the end of the run."),
+    ],
+)
+def test_rows_that_are_left_out_are_noted(tmp_path: Path, decimation: int, text: str) -> None:
+    system = probe(tmp_path, stop_time=1, step_size=Decimal("0.1")).changed(decimation=decimation)
+    found = [note for note in system.notes if note.startswith("record.decimation: ")]
+    assert len(found) == (decimation > 1)
+    assert all(note.endswith(text) for note in found)
+    if decimation == 3:
+        assert simulate(system).time[-1] == pytest.approx(0.9)
+
+
 def test_a_stated_factor_of_one_is_a_conversion(tmp_path: Path) -> None:
     """mm to m with factor = 1.0 is what was asked for; without it the units do not match."""
     write_gain(tmp_path, "A", "mm", "mm")
@@ -227,6 +244,33 @@ def test_an_fmu_without_a_step_takes_a_thousandth(tmp_path: Path) -> None:
         "experiment.stop_time",
         "experiment.step_size",
     ]
+
+
+def test_the_given_end_decides_the_step_of_an_fmu_without_one(tmp_path: Path) -> None:
+    path = write_gain(tmp_path, "Gain", "m", "m")
+    assert read_system(path, stop_time=4).step_size == Decimal("0.004")
+    assert read_system(path, stop_time="0.5").steps == 1000
+    assert read_system(path, stop_time="1/3").steps == 1000
+    path = write_gain(tmp_path, "Other", "m", "m", experiment='startTime="1" stopTime="2"')
+    assert read_system(path, stop_time="3").step_size == Decimal("0.002")
+
+
+def test_a_step_of_the_file_that_does_not_divide_its_times_ends_the_run_before(tmp_path: Path) -> None:
+    path = write_gain(tmp_path, "Gain", "m", "m", experiment='startTime="0.5" stopTime="2" stepSize="0.4"')
+    system = read_system(path)
+    assert (system.stop_time, system.step_size, system.steps) == (Decimal("1.7"), Decimal("0.4"), 3)
+    assert "the file's step of 0.4 s does not divide its times: the run ends at 1.7 s." in system.notes
+    with pytest.raises(DescriptionError, match="does not divide"):
+        read_system(path, stop_time="2")
+    with pytest.raises(DescriptionError, match="does not divide"):
+        read_system(path, step_size="0.7")
+
+
+@pytest.mark.parametrize("experiment", ['stopTime="INF"', 'startTime="INF" stopTime="1"', 'stopTime="NaN"'])
+def test_times_of_a_file_that_are_not_finite_are_refused(tmp_path: Path, experiment: str) -> None:
+    path = write_gain(tmp_path, "Gain", "m", "m", experiment=experiment)
+    with pytest.raises(DescriptionError, match="is not a finite number of seconds"):
+        read_system(path)
 
 
 def test_an_fmu_may_be_exported_and_run_again(tmp_path: Path) -> None:

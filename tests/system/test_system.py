@@ -342,7 +342,7 @@ CASES: dict[str, tuple[list[tuple[str, str]], str]] = {
     ),
     "missing stop time": (
         [("stop_time = 1.0", "")],
-        "experiment.stop_time: missing. Give it in seconds, such as stop_time = 1.0.",
+        "experiment.stop_time: missing. Give it in seconds, such as stop_time = 1.0, or --stop-time 1.0.",
     ),
     "stop before start": (
         [("stop_time = 1.0", "stop_time = 1.0\nstart_time = 2.0")],
@@ -499,6 +499,10 @@ CASES: dict[str, tuple[list[tuple[str, str]], str]] = {
     "recording an unknown instance": (
         [("[instances.plant]", '[record]\nvariables = ["plan.position"]\n[instances.plant]')],
         "record.variables: 'plan.position': no instance 'plan'. Did you mean 'plant'?",
+    ),
+    "description that is no text": (
+        [('description = "A loop"', "description = 3")],
+        "description: must be a text, not 3.",
     ),
     "recording nothing": (
         [("[instances.plant]", '[record]\nvariables = ["plant.x*"]\n[instances.plant]')],
@@ -673,8 +677,8 @@ def test_damaged_member(tmp_path: Path) -> None:
         ("../evil.so", "points outside the archive. Refused."),
         ("resources/../../evil.so", "points outside the archive. Refused."),
         ("/etc/evil.so", "points outside the archive. Refused."),
-        ("resources\\evil.so", "has a backslash, colon or null in its name. Refused."),
-        ("C:/evil.so", "has a backslash, colon or null in its name. Refused."),
+        ("resources\\..\\..\\evil.so", "points outside the archive. Refused."),
+        ("C:/evil.so", "has a colon or null in its name. Refused."),
     ],
 )
 def test_member_that_leaves_the_archive(tmp_path: Path, member: str, text: str) -> None:
@@ -728,7 +732,6 @@ def test_invalid_description(tmp_path: Path) -> None:
     assert "Bad.fmu: modelDescription.xml: cannot be read: " in problem("<fmiModelDescription")
     assert "Bad.fmu: modelDescription.xml: this is not the description of an FMU." in problem("<a/>")
     assert "causality" in problem(good.replace('causality="input"', 'causality="imput"', 1))
-    assert "two variables have the name 'y'" in problem(good.replace('name="z"', 'name="y"'))
 
 
 def test_model_exchange_is_no_co_simulation(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from fmu_files import PROBE, Variable, probe_library, write_fmu, write_probe
 
 from cosim.errors import DescriptionError
 from cosim.fmu.places import find_fmu, find_fmus, find_system, fmus_in, shipped_studies, shipped_systems
-from cosim.fmu.text import read_text
+from cosim.fmu.text import read_text, read_toml
 from cosim.master.simulation import simulate
 from cosim.result.summary import loops
 from cosim.system.ssp_write import write_ssp
@@ -66,6 +66,22 @@ def test_other_text_is_refused_with_the_line(tmp_path: Path, content: bytes, tex
     (tmp_path / "s.toml").write_bytes(content)
     with pytest.raises(DescriptionError, match=text.replace(".", r"\.")):
         read_system(tmp_path / "s.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("x = " + "9" * 5000, "not valid TOML: .*4300 digits"),
+        ("x = 1e" + "9" * 30, "an exponent that is too large"),
+        ("x = " + "[" * 3000 + "]" * 3000, "nested too deeply"),
+        ('[a]\nfile = "a\\u0000b"', r"not valid TOML: 'a\\x00b' has the character U\+0000"),
+        ('"a\\u0000" = [{b = 1}]', r"has the character U\+0000"),
+    ],
+)
+def test_toml_that_no_reader_can_use_is_refused(tmp_path: Path, content: str, text: str) -> None:
+    (tmp_path / "s.toml").write_text(content, encoding="utf-8")
+    with pytest.raises(DescriptionError, match=rf"s\.toml: .*{text}"):
+        read_toml(tmp_path / "s.toml")
 
 
 def test_a_file_that_is_a_folder_is_said(tmp_path: Path) -> None:

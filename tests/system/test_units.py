@@ -152,6 +152,113 @@ def test_unknown_treatment_is_refused(tmp_path: Path) -> None:
         pair(tmp_path, RPM, RAD_PER_S, {**CONVERT, "units": "ignore"})
 
 
+# Differences
+
+
+def temperatures(folder: Path, one: tuple[str, bool], other: tuple[str, bool], connection: object = None) -> System:
+    """a.z -> b.u between temperatures, or differences of temperatures, in these units. The source gives 10."""
+    for name, (unit, relative) in (("A", one), ("B", other)):
+        base = {**CELSIUS, **KELVIN, **FAHRENHEIT}[unit]
+        write_gain(folder, name, unit, unit, base_units={unit: base}, relative=relative)
+    document: dict[str, Any] = {
+        "connections": ["a.z -> b.u" if connection is None else connection],
+        "experiment": {"stop_time": 1, "step_size": 1},
+        "instances": {"a": {"fmu": "./A.fmu", "start": {"u": 10.0}}, "b": {"fmu": "./B.fmu"}},
+    }
+    return make_system(document, name="pair.toml", folder=folder)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "received"),
+    [
+        (("degC", True), ("K", True), 10.0),
+        (("K", True), ("degC", True), 10.0),
+        (("degC", True), ("degF", True), 18.0),
+        (("degF", True), ("K", False), 10.0 * 5.0 / 9.0),  # K has no zero of its own: a difference or not
+    ],
+)
+def test_offsets_do_not_count_for_differences(
+    tmp_path: Path, one: tuple[str, bool], other: tuple[str, bool], received: float
+) -> None:
+    system = temperatures(tmp_path, one, other, CONVERT)
+    assert float(simulate(system)["b.z"][0]) == pytest.approx(received, rel=1e-13)
+    packed = read_system(write_ssp(system, tmp_path / "s.ssp"))
+    assert packed.digest == system.digest
+
+
+@pytest.mark.parametrize("connection", ["a.z -> b.u", CONVERT])
+def test_a_temperature_is_no_difference(tmp_path: Path, connection: object) -> None:
+    for one, other in ((True, False), (False, True)):
+        with pytest.raises(DescriptionError, match=r"unit degC .* does not match degC .* factor = \.\.\."):
+            temperatures(tmp_path, ("degC", one), ("degC", other), connection)
+
+
+# Numbers beside a conversion
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "numbers", "text"),
+    [
+        (RPM, RAD_PER_S, {"factor": 0.1}, "factor = 0.1 is all that is done from rpm to rad/s; the units alone conver"),
+        ({"mm": ""}, {"m": ""}, {"factor": 1.0}, "the units alone convert by factor = 0.001. If the numbers are"),
+        (CELSIUS, KELVIN, {"factor": 1.0}, "the units alone convert by factor = 1, offset = 273.15."),
+        (CELSIUS, KELVIN, {"factor": 1.0, "offset": 273.0}, "factor = 1, offset = 273 is all that is done"),
+        (RPM, RAD_PER_S, {"factor": 0.1047}, ""),
+        (RPM, RAD_PER_S, {"factor": -0.10472, "offset": 3.0}, ""),
+        (RPM, RAD_PER_S, {"factor": 0.1, "units": "convert"}, ""),
+        (CELSIUS, KELVIN, {"factor": 1.0, "offset": 273.15}, ""),
+        ({"V": ""}, {"N": ""}, {"factor": 0.1}, ""),  # a gain between different quantities
+        ({"m": ""}, {"m": ""}, {"factor": 0.1}, ""),
+        ({"Hz": ""}, RAD_PER_S, {"factor": 6.2832}, ""),
+    ],
+)
+def test_a_factor_that_the_units_do_not_explain_is_noted(
+    tmp_path: Path, one: Mapping[str, str], other: Mapping[str, str], numbers: Mapping[str, object], text: str
+) -> None:
+    notes = pair(tmp_path, one, other, {"from": "a.z", "to": "b.u", **numbers}).notes
+    if not text:
+        assert notes == ()
+        return
+    (note,) = notes
+    assert text in note
+    assert note.endswith('add units = "convert".')
+
+
+def test_weights_of_a_sum_in_other_units_are_noted(tmp_path: Path) -> None:
+    write_gain(tmp_path, "A", "mm", "mm")
+    write_gain(tmp_path, "B", "m", "m")
+    document: dict[str, Any] = {
+        "connections": [{"from": ["a.z", "c.z"], "to": "b.u", "factors": [0.5, 0.5]}],
+        "experiment": {"stop_time": 1, "step_size": 1},
+        "instances": {"a": {"fmu": "./A.fmu"}, "b": {"fmu": "./B.fmu"}, "c": {"fmu": "./B.fmu"}},
+    }
+    (note,) = make_system(document, name="sum.toml", folder=tmp_path).notes
+    assert note.startswith("connection a.z -> b.u: factor = 0.5 is all that is done from mm to m;")
+
+
+# Units that are missing
+
+
+@pytest.mark.parametrize("connection", ["a.z -> b.u", CONVERT])
+@pytest.mark.parametrize(
+    ("one", "other", "shown"),
+    [(None, "mm", "no unit -> mm"), ("mm", None, "mm -> no unit"), (None, None, ""), (None, "1", "")],
+)
+def test_a_unit_at_one_end_only_is_noted(
+    tmp_path: Path, one: str | None, other: str | None, shown: str, connection: object
+) -> None:
+    write_gain(tmp_path, "A", one, one)
+    write_gain(tmp_path, "B", other, other)
+    document: dict[str, Any] = {
+        "connections": [connection],
+        "experiment": {"stop_time": 1, "step_size": 1},
+        "instances": {"a": {"fmu": "./A.fmu"}, "b": {"fmu": "./B.fmu"}},
+    }
+    said = "connections: the FMU states no unit at one end, so values are passed on as they are: a.z -> b.u"
+    notes = make_system(document, name="bare.toml", folder=tmp_path).notes
+    assert notes == ((f"{said} ({shown}).",) if shown else ())
+
+
 # There and back
 
 
@@ -206,6 +313,22 @@ def test_an_edited_transformation_counts(tmp_path: Path) -> None:
 
 
 # The table
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("Hz/s", "rad/s2"), ("1/s2", "rad/s2"), ("V/Hz", "V.s/rad"), ("kHz", "rpm"), ("1/min", "rpm")]
+)
+def test_what_may_count_turns_or_radians_is_not_converted(one: str, other: str) -> None:
+    assert parse_unit(one).conversion(parse_unit(other)) is None
+    assert parse_unit(other).conversion(parse_unit(one)) is None
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "factor"),
+    [("Hz/s", "1/s2", 1.0), ("V/Hz", "V.s", 1.0), ("1/min", "Hz", 1.0 / 60.0), ("V.s", "V.s/rad", 1.0)],
+)
+def test_cycles_are_counted_alike_where_no_angle_is_named(one: str, other: str, factor: float) -> None:
+    assert parse_unit(one).conversion(parse_unit(other)) == pytest.approx((factor, 0.0))
 
 
 def test_temperatures_have_a_zero_only_alone() -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 SHOWN_VALUES = 12
-"""Largest number of start values of an instance in the table."""
+"""Largest number of start values of an instance in the table, so that a row stays a few lines high."""
 
 
 def add(commands: Any) -> None:

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from ..errors import CosimError, DescriptionError
+from ..errors import DescriptionError
 from .console import (
     Bar,
     fmus_argument,
     make_table,
-    print_error,
     print_json,
     print_note,
     set_argument,
     standard_output,
+    write_files,
 )
 from .parser import EXIT_CODES
 from .systems import given_values
@@ -357,16 +357,10 @@ def _write(found: Comparison, options: argparse.Namespace, sources: Sequence[Res
     """Write the picture and the page. Returns whether both could be written."""
     from ..result.compare_report import plot_comparison, report_comparison
 
-    well = True
-    try:
-        if options.plot is not None:
-            plot_comparison(found, options.plot)
-        if options.report is not None:
-            report_comparison(found, options.report, (sources[0], sources[1]))
-    except CosimError as error:
-        print_error(str(error))
-        well = False
-    return well
+    return write_files(
+        (options.plot, lambda path: plot_comparison(found, path)),
+        (options.report, lambda path: report_comparison(found, path, (sources[0], sources[1]))),
+    )
 
 
 def show_comparison(found: Comparison) -> None:

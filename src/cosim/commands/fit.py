@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import Bar, common_arguments, print_note, show
+from .console import Bar, check_files, common_arguments, print_note, show, write_files
+from .parser import count
 from .systems import base_argument
 
 if TYPE_CHECKING:
@@ -32,25 +33,23 @@ def add(commands: Any) -> None:
     )
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
     base_argument(fit, "start.toml", "that of FIT")
-    fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    fit.add_argument("--workers", type=count, metavar="N", help="processes (default: one a core)")
     common_arguments(fit, _fit)
 
 
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
-    from ..files import check_writable
     from ..fmu.places import base_name, shipped_file
     from ..result.report import check_report
 
     if options.report is not None:
         check_report(options.report)
-    if options.output is not None:
-        check_writable(options.output / "start.toml")
+    start = None if options.output is None else options.output / "start.toml"
+    check_files(start)
     problem = fit.read_fit(options.file, fmus=options.fmus)
     base = None
-    if options.output is not None:
-        system = options.base or shipped_file(problem.system, problem.folder)
-        base = base_name(system, options.output / "start.toml")
+    if start is not None:
+        base = base_name(options.base or shipped_file(problem.system, problem.folder), start)
     for note in problem.notes:
         print_note(f"note: {note}")
     with Bar("Runs") as bar:
@@ -60,15 +59,18 @@ def _fit(options: argparse.Namespace) -> int:
 
         look = fit.sensitivities if options.dry_run else fit.fit
         fitted = look(problem, workers=options.workers, progress=advance)
-    written = [] if options.output is None else fit.write_fit(fitted, options.output, base=base)
-    if options.report is not None:
+    _show(options, fitted)
+
+    def write_values(path: Path) -> None:
+        for written in fit.write_fit(fitted, path.parent, base=base):
+            print_note(f"Written: {written}")
+
+    def write_report(path: Path) -> None:
         from ..design.fit_report import write_page
 
-        written.append(write_page(fitted, options.report))
-    _show(options, fitted)
-    for path in written:
-        print_note(f"Written: {path}")
-    return 0
+        print_note(f"Written: {write_page(fitted, path)}")
+
+    return 0 if write_files((start, write_values), (options.report, write_report)) else 1
 
 
 def _show(options: argparse.Namespace, fitted: Fitted) -> None:

@@ -25,7 +25,7 @@ ROOM = 40
 GAP = 3
 """Width between two columns of a table."""
 SHOWN_FINDINGS = 30
-"""Largest number of findings about the file that are shown."""
+"""Largest number of findings about the file that are shown. They fit on one screen."""
 
 
 def add(commands: Any) -> None:

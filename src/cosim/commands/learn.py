@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, check_plot, common_arguments, set_argument, show
+from .console import Bar, check_files, check_plot, common_arguments, set_argument, show, write_files
+from .parser import count
 from .systems import base_argument, given_values
 
 
@@ -41,7 +43,7 @@ def add(commands: Any) -> None:
         "--monitor", action="store_true", help="compare J with DIR/AXIS.json; learn anew above 1.5 times"
     )
     set_argument(pulse, several=True)
-    pulse.add_argument("--workers", type=int, default=1, metavar="N", help="threads (default: 1; runs are short)")
+    pulse.add_argument("--workers", type=count, default=1, metavar="N", help="threads (default: 1; runs are short)")
     pulse.add_argument("--plot", type=Path, metavar="FILE", help="draw the tables")
     common_arguments(pulse, _learn)
 
@@ -50,9 +52,11 @@ def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
     from ..fmu.places import base_name
 
-    check_plot(options.plot)
-    values = given_values(options.values)
     tables = options.output / "tables.toml"
+    check_files(tables)
+    check_plot(options.plot)
+    well = True
+    values = given_values(options.values)
     base = base_name(options.base or options.system, tables)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}
@@ -75,11 +79,8 @@ def _learn(options: argparse.Namespace) -> int:
                 options.system, axis, overrides=values, workers=options.workers, fmus=options.fmus, progress=advance
             )
         anew.append(axis.pulse)
-        pulse.save(learned[axis.pulse], file)
-    if anew:
-        pulse.write_start(learned, tables, base=base)
-    if options.plot is not None:
-        pulse.plot_learned(learned, options.plot)
+        # Saved at once: what was learned is kept if the next axis fails or is interrupted.
+        well = write_files((file, partial(pulse.save, learned[axis.pulse]))) and well
     content = {
         name: {
             "learned": name in anew,
@@ -105,4 +106,8 @@ def _learn(options: argparse.Namespace) -> int:
             rows.append((name, *(f"{value:.4g}" for value in cells), ratio))
     kept = "nothing learned anew" if not anew else f"tables in {tables}"
     show(options, {"pulses": content, "tables": str(tables) if anew else None}, rows, f"Friction pulses, {kept}")
-    return 0
+    well = well and write_files(
+        (tables if anew else None, lambda path: pulse.write_start(learned, path, base=base)),
+        (options.plot, lambda path: pulse.plot_learned(learned, path)),
+    )
+    return 0 if well else 1

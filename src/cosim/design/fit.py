@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from ..errors import CosimError, DescriptionError, SimulationError
+from ..errors import CosimError, SimulationError
 from ..files import write_file
 from ..fmu import tables
 from ..result.metrics import Array
@@ -27,9 +27,10 @@ from .fit_file import Fit, FitRecord, Output, read_fit
 from .fit_runs import Runs, expected
 from .fit_solver import Found, Solver
 from .fit_statistics import NORMAL, Peak, Spread, Weak, agreement, peaks, repeatability
+from .workers import check_workers
 
 ALIKE = 0.99
-"""Pairs of values with a larger correlation are reported."""
+"""Pairs of values with a larger correlation are reported: the records hardly tell them apart."""
 
 Advance = Callable[[int, float], None]
 """Function called with the number of runs so far and the best sum of squares divided by the number of samples."""
@@ -173,9 +174,8 @@ def _carried_out(
     source: str | Path | Fit, workers: int | None, fmus: str | Path | None, progress: Advance, *, search: bool
 ) -> Fitted:
     problem = source if isinstance(source, Fit) else read_fit(source, fmus=fmus)
-    if workers is not None and workers < 1:
-        raise DescriptionError(f"workers: {workers} is not a number of processes. Give 1 or more.")
     count = workers if workers is not None else os.cpu_count() or 1
+    check_workers(count)
     begun = clock_time.perf_counter()
     with Runs(problem, count, progress) as runs:
         solver = Solver(problem, runs)

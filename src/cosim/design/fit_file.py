@@ -66,7 +66,10 @@ from .fit_statistics import fast_noise
 LEAST_SAMPLES = 20
 """Least number of samples of a record in its window: with fewer samples the noise cannot be estimated."""
 STILL = 3.0
-"""A record has no excitation if the variation of its column divided by the noise is below this number."""
+"""A record has no excitation if the variation of its column is below this number times the noise.
+
+Below three standard deviations, the variation may be noise alone.
+"""
 
 
 @dataclass(frozen=True)
@@ -212,6 +215,8 @@ class _Reader:
         if self.problems:
             raise DescriptionError(self.problems)
         records = tuple(self._record(name, read[name], systems[name], columns[name], references[name]) for name in read)
+        if self.problems:
+            raise DescriptionError(self.problems)
         outputs = tuple(self._output(name, unit, records) for name, unit in units.items())
         free = self._free(first, outputs, systems)
         for record in records:

@@ -22,7 +22,10 @@ Traces = Mapping[str, Array]
 """Name of a signal -> its values at the communication points of a run."""
 
 FAR = 1e-9
-"""Times of a record and of a run are the same if they differ by less than this, s."""
+"""Times in s of a record and of a run are the same if they differ by less.
+
+Rounding of decimal times causes about 1e-12 s; the shortest sampling times are near 1e-6 s.
+"""
 
 
 class Budget(CosimError):

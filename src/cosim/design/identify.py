@@ -31,16 +31,17 @@ from ..master.simulation import simulate
 from ..record.read import read_record
 from ..result.metrics import Array
 from ..system.system import System, read_system
+from .fit_statistics import fast_noise
 from .names import nctf_names
 
 NODES = 128
 """Number of nodes of the NCT in the controllers of this library."""
 POINTS = 400
-"""Number of points of the identified curve above its linear part."""
+"""Number of points of the identified curve above its linear part; ``reduce_nodes`` takes the nodes from them."""
 MAX_WINDOW = 51
 """Longest window for the velocity in samples: a long window flattens the curve."""
 NOISE_SHARE = 0.02
-"""The velocity is smoothed until its noise is below this share of the velocity lost in one sample."""
+"""The velocity is smoothed until its noise is below this share of the velocity lost during half a window."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,7 @@ def nct_from_signals(
     place = direction * (position - position[driven[0]])
     end = int(driven[-1]) + 1  # the first sample without command
     tail = place[-max(2, (time.size - end) // 20) :]
-    rest, noise = float(np.mean(tail)), position_noise(place[end:])
+    rest, noise = float(np.mean(tail)), fast_noise(place[end:])
     rate = direction * velocity if velocity is not None else smooth_slope(place, step, end, noise)
     if abs(float(rate[-1])) > 1e-2 * float(np.max(rate[end:])):
         raise DescriptionError("the stage still moves at the end of the record. Record until it rests.")
@@ -251,14 +252,6 @@ def monotone(values: Array) -> Array:
         means.append(mean)
         counts.append(count)
     return np.repeat(np.array(means), counts)
-
-
-def position_noise(position: Array) -> float:
-    """Standard deviation of the noise in ``position``, quantisation included, from its third differences."""
-    rough = np.diff(position, 3)
-    if rough.size == 0:
-        return 0.0
-    return float(np.median(np.abs(rough))) / 0.6745 / math.sqrt(20.0)
 
 
 def smooth_slope(position: Array, step: float, end: int, noise: float) -> Array:

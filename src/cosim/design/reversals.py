@@ -14,7 +14,7 @@ from ..result.metrics import Array, rms
 from ..system.system import System, make_system
 from ..system.written import connection_entries
 from .names import AxisNames, axis_names
-from .workers import Limit, Loadable, WorkerError, Workers, simulation_of
+from .workers import Limit, Loadable, WorkerError, Workers, check_workers, simulation_of
 
 LEAD_IN, LEAD_OUT = 0.6, 0.5
 """Time in s before the reversal at which a run starts, and time after it within which the error has its peak."""
@@ -167,6 +167,7 @@ class AxisRuns:
     def __init__(
         self, system: System, axis: Axis, *, radius: float = 0.05, workers: int = 1, timeout: float | None = None
     ) -> None:
+        check_workers(workers)
         names = axis.names.pulse
         single = {f"{axis.pulse}.{name}": value for name, value in names.single.items()}
         self.system = axis_system(system, axis).changed(single)

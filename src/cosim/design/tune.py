@@ -25,6 +25,7 @@ relative excesses wins. So limits need no weights. A run that fails, crashes or 
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -44,10 +45,12 @@ from ..result.metrics import Array
 from ..system.system import System
 from .documents import RangeData, TuningData
 from .plan import Metric, check_values, figures_of, measure, recording, system_of, variable_of
-from .workers import Limit, Loadable, LoadError, Workers
+from .workers import Limit, Loadable, LoadError, Workers, check_workers
 
 WORST = 1e6
 """Excess of a failed run, and the largest excess of any run. It is finite, so that the search can compare points."""
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -215,6 +218,7 @@ def tune(
 
     optimize = cast(Any, _optimize)
     tuning = source if isinstance(source, Tuning) else read_tuning(source, fmus=fmus)
+    check_workers(workers)
     evaluator = _Evaluator(tuning, workers, progress)
 
     def objective(shares: Array) -> Any:
@@ -239,6 +243,12 @@ def tune(
             vectorized=True,
             tol=1e-4,
         )
+    except KeyboardInterrupt:
+        if evaluator.best is not None:
+            values = zip(tuning.parameters, evaluator.best.values, strict=True)
+            told = ", ".join(f"{name} = {value:.7g}" for name, value in values)
+            _log.warning("interrupted after %d runs. The best so far: %s", len(evaluator.trials), told)
+        raise
     finally:
         evaluator.close()
     best = evaluator.best

@@ -57,6 +57,13 @@ UNKNOWN_SECONDS = 3600.0
 """Time limit of loading, and of runs before the first run has ended: their time cannot be estimated."""
 
 
+def check_workers(count: int, least: int = 1) -> None:
+    """Raise DescriptionError if ``count`` is no number of processes."""
+    if count < least:
+        unprotected = ", or 0 for this one" if least == 0 else ""
+        raise DescriptionError(f"workers: {count} is not a number of processes. Give 1 or more{unprotected}.")
+
+
 class WorkerError(CosimError):
     """The process of a call crashed, was ended by an FMU, or took too long; the worker starts another one."""
 

@@ -13,13 +13,13 @@ from ..errors import DescriptionError
 from ..files import Replacement
 
 MAX_MEMBERS = 20_000
-
+"""Largest number of files in an FMU. An FMU with a Python environment inside has some thousand."""
 
 MAX_MEMBER_BYTES = 512 * 2**20
-
+"""Largest size in bytes of a file in an FMU, unpacked. It leaves room for large tables and libraries."""
 
 MAX_TOTAL_BYTES = 2**30
-
+"""Largest size in bytes of all files of an FMU, unpacked: a small archive can unpack to any size."""
 
 Choice = Callable[[str], bool]
 """A function of a member's name that selects members."""
@@ -28,6 +28,7 @@ Choice = Callable[[str], bool]
 def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True) -> list[zipfile.ZipInfo]:
     """The members of an archive, after a check that none can write outside the folder or fill the disk.
 
+    Some Windows programs divide the names of members with backslashes. These become slashes in the archive.
     Raises DescriptionError for a member that could. Also raises it if two members have the same name but different
     content, and ``single`` selects this name.
     """
@@ -36,11 +37,11 @@ def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True
     problems: list[str] = []
     seen: set[str] = set()
     for member in members:
-        name = member.orig_filename
+        member.filename = name = member.orig_filename.replace("\\", "/")
         path = PurePosixPath(name)
-        said = f"{source}: archive member {name!r}"
-        if "\\" in name or ":" in name or "\0" in name:
-            problems.append(f"{said} has a backslash, colon or null in its name. Refused.")
+        said = f"{source}: archive member {member.orig_filename!r}"
+        if ":" in name or "\0" in name:
+            problems.append(f"{said} has a colon or null in its name. Refused.")
         elif path.is_absolute() or ".." in path.parts:
             problems.append(f"{said} points outside the archive. Refused.")
         elif stat.S_ISLNK(member.external_attr >> 16):
@@ -55,6 +56,7 @@ def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True
                 f"at most {MAX_MEMBER_BYTES // 2**20} MiB are allowed."
             )
         seen.add(name)
+    archive.NameToInfo.update({member.filename: member for member in members})
     total = sum(member.file_size for member in members)
     if total > MAX_TOTAL_BYTES:
         problems.append(
@@ -76,7 +78,7 @@ def repeated(members: Sequence[zipfile.ZipInfo]) -> list[str]:
 
 
 def _differ(name: str, members: Iterable[zipfile.ZipInfo]) -> bool:
-    return len({(member.CRC, member.file_size) for member in members if member.orig_filename == name}) > 1
+    return len({(member.CRC, member.file_size) for member in members if member.filename == name}) > 1
 
 
 def unpack(

@@ -29,7 +29,7 @@ from .reading import read_description
 from .variables import Variable, read_dependencies, read_variables
 
 MAX_DESCRIPTION_BYTES = 64 * 2**20
-
+"""Largest size in bytes of modelDescription.xml: some 200 000 variables. A parser needs many times as much memory."""
 
 ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:\s*,\s*\d+)*)\]")
 """Name of an array element: ``a[1]``, or ``a[1,2]`` in an array of two dimensions."""

@@ -11,16 +11,12 @@ from ..errors import DescriptionError, suggest
 
 FMU_FOLDER = Path("build") / "fmus" / "native"
 
-
 SYSTEM_ENDINGS = (".toml", ".ssp", ".ssd")
-
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
-
 CHECKOUT = _PACKAGE.parents[1]
 """The folder of the source tree, if the package is an editable installation."""
-
 
 PREBUILT = _PACKAGE / "prebuilt"
 """FMUs that come with the installed package. A checkout does not have this folder."""

@@ -45,13 +45,13 @@ def read_description(source: str, xml: bytes) -> tuple[Any, list[str]]:
         # If nothing was mended, the file is written unchanged: findings then have the line numbers of the original.
         file.write_bytes(import_module("lxml.etree").tostring(root) if findings else xml)
         try:
-            return fmi.read_model_description(str(file), validate=True), findings
+            return _completed(fmi.read_model_description(str(file), validate=True), root), findings
         except fmi.ValidationError as error:
             findings += error.problems
         except Exception as error:  # FMPy raises bare exceptions
             findings.append(f"FMPy cannot validate it: {_text(error, str(file))}")
         try:
-            return fmi.read_model_description(str(file), validate=False), findings
+            return _completed(fmi.read_model_description(str(file), validate=False), root), findings
         except Exception as error:
             raise DescriptionError([f"{said}: cannot be read: {_text(error, str(file))}", *findings]) from None
 
@@ -59,6 +59,21 @@ def read_description(source: str, xml: bytes) -> tuple[Any, list[str]]:
 def _text(error: Exception, file: str) -> str:
     text = str(error).replace(file, "modelDescription.xml").strip()
     return f"{type(error).__name__} {text}".strip() if isinstance(error, LookupError) else text or type(error).__name__
+
+
+def _completed(model: Any, root: Any) -> Any:
+    """FMPy's ModelDescription with the attributes that FMPy does not read.
+
+    These are relativeQuantity of all variables, and the bounds of unsigned integers.
+    """
+    elements = [element for element in root.iterfind("ModelVariables/*") if element.get("name") is not None]
+    for variable, element in zip(model.modelVariables, elements, strict=True):
+        value = next((child for child in element if child.tag == variable.type), element)
+        if value.get("relativeQuantity") is not None:
+            variable.relativeQuantity = value.get("relativeQuantity") in ("true", "1")
+        if variable.type.startswith("UInt"):
+            variable.min, variable.max = value.get("min"), value.get("max")
+    return model
 
 
 def _mend(root: Any) -> list[str]:

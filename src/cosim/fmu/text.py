@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import codecs
+import contextlib
 import tomllib
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
 
@@ -18,9 +19,10 @@ _MARKS = (
 """Byte order marks and the encodings that they announce."""
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, fallback: str = "") -> str:
     """The text of a file in UTF-8, or in UTF-16 with a byte order mark. All line ends become ``\\n``.
 
+    Text that is not UTF-8 is read in the encoding ``fallback``, if one is given.
     Raises DescriptionError if the file is missing, cannot be read, or has another encoding.
     """
     try:
@@ -31,15 +33,21 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
+    # UTF-16 without a mark can be valid UTF-8: its text is then full of zeros.
+    if encoding == "utf-8" and b"\0" in content[:1000]:
+        raise DescriptionError(f"{path}: is no text, or UTF-16 without a byte order mark. Save it as UTF-8.")
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
-        if b"\0" in content[:4]:
-            raise DescriptionError(
-                f"{path}: is no text, or UTF-16 without a byte order mark. Save it as UTF-8."
-            ) from None
+        if fallback and encoding == "utf-8":
+            with contextlib.suppress(UnicodeDecodeError):
+                return _with_line_ends(content.decode(fallback))
         line = content.count(b"\n", 0, error.start) + 1
         raise DescriptionError(f"{path}: line {line} is not {encoding.upper()} text. Save the file as UTF-8.") from None
+    return _with_line_ends(text)
+
+
+def _with_line_ends(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -48,7 +56,27 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     Raises DescriptionError if the file cannot be read or is not valid TOML.
     """
+    text = read_text(path)
     try:
-        return tomllib.loads(read_text(path), parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
+        document = tomllib.loads(text, parse_float=Decimal)
+        _check_characters(document)
+    except RecursionError:
+        raise DescriptionError(f"{path.name}: tables or lists are nested too deeply.") from None
+    except ArithmeticError:
+        raise DescriptionError(f"{path.name}: a number has an exponent that is too large.") from None
+    except ValueError as error:
+        # Also raised for whole numbers with thousands of digits.
         raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None
+    return document
+
+
+def _check_characters(value: Any) -> None:
+    """Raise ValueError if a text or key has the character U+0000, which no name and no path can have."""
+    if isinstance(value, str) and "\0" in value:
+        raise ValueError(f"{value!r} has the character U+0000")
+    if isinstance(value, dict):
+        _check_characters(list(cast("dict[str, Any]", value)))
+        value = list(cast("dict[str, Any]", value).values())
+    if isinstance(value, list):
+        for item in cast("list[Any]", value):
+            _check_characters(item)

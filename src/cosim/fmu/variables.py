@@ -61,6 +61,8 @@ class Variable:
 
     An array of FMI 3.0 is set and read as a whole.
     """
+    relative: bool = False
+    """Whether it is a difference (relativeQuantity of FMI): offsets of its units, such as 273.15 K, do not count."""
 
     @property
     def settable(self) -> bool:
@@ -89,21 +91,24 @@ def suggest_variable(
 def read_variables(model: Any, findings: list[str]) -> dict[str, Variable]:
     """The variables of FMPy's ModelDescription by name. Broken rules are appended to ``findings``.
 
-    Raises DescriptionError for too many variables, and for two different variables with one name.
+    Different variables of one name are left out: the name would not tell which is meant.
+    Raises DescriptionError for too many variables.
     """
     version, units = int(model.fmiMajorVersion), {unit.name: unit for unit in model.unitDefinitions}
     count = sum(math.prod(v.shape) for v in model.modelVariables)
     if count > MAX_VARIABLES:
         raise DescriptionError(f"{model.modelName}: {count} variables, at most {MAX_VARIABLES} are read.")
     found: dict[str, Variable] = {}
+    twice: dict[str, None] = {}
     for v in model.modelVariables:
         if v.causality == "independent":
             continue
         for variable in _scalars(v, version, units, findings):
             other = found.setdefault(variable.name, variable)
             if (other.type, other.reference) != (variable.type, variable.reference):
-                raise DescriptionError(f"{model.modelName}: two variables have the name '{variable.name}'.")
-    return found
+                twice.update(dict.fromkeys((variable.name, *variable.whole, *other.whole)))
+    findings += [f"more than one variable has the name '{name}'. Left out." for name in twice]
+    return {name: variable for name, variable in found.items() if name not in twice}
 
 
 def read_dependencies(
@@ -165,11 +170,12 @@ def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]
 
     unit = cast("str | None", of("unit")) if kind == "Real" else None
     display = cast("str | None", of("displayUnit")) if kind == "Real" else None
+    relative = kind == "Real" and bool(of("relativeQuantity"))
     shown: DisplayUnit | None = None
     if display is not None and unit is not None and unit in units:
         for candidate in units[unit].displayUnits:
             if candidate.name == display:
-                shown = DisplayUnit(display, float(candidate.factor), float(candidate.offset))
+                shown = DisplayUnit(display, float(candidate.factor), 0.0 if relative else float(candidate.offset))
     bounded = kind in ("Real", "Integer", "Enumeration")
     low, high = (_number(v.name, bound, of(bound), findings) if bounded else None for bound in ("min", "max"))
     items = {item.name: int(item.value) for item in declared.items} if kind == "Enumeration" and declared else {}
@@ -195,6 +201,7 @@ def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]
             items=MappingProxyType(items),
             derivative_of=None if v.derivative is None else f"{v.derivative.name}{suffix}",
             whole=whole,
+            relative=relative,
         )
         for suffix, start in zip(suffixes, starts, strict=True)
     ]

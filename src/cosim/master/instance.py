@@ -25,25 +25,20 @@ from .board import Board
 
 fmpy: Any = import_module("fmpy")
 
-
 fmi1: Any = import_module("fmpy.fmi1")
-
 
 fmi2: Any = import_module("fmpy.fmi2")
 
-
 fmi_logging: Any = import_module("fmpy.logging")
 
-
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
-
+"""Names of the values of fmi2Status, in their order."""
 
 FATAL = 4
-
+"""Value of fmi2Status after which no function of an instance may be called."""
 
 TERMINATED, LAST_SUCCESSFUL_TIME = 3, 2
 """Values of fmi2StatusKind for fmi2GetBooleanStatus and fmi2GetRealStatus."""
-
 
 MAX_MESSAGES = 10_000
 """Largest number of messages kept for each instance and status in a run.
@@ -51,9 +46,8 @@ MAX_MESSAGES = 10_000
 The limit holds for each status alone, so that many OK messages cannot displace a warning.
 """
 
-
 MAX_TEXT = 10_000
-"""Largest number of characters kept of a message."""
+"""Largest number of characters kept of a message. A longer text is a dump of data, which nobody reads."""
 
 
 class RunError(SimulationError):
@@ -156,6 +150,48 @@ def _callbacks(environment: int) -> Any:
     return callbacks
 
 
+OPTIONAL = (
+    *("fmi2GetFMUstate", "fmi2SetFMUstate", "fmi2FreeFMUstate", "fmi2SerializedFMUstateSize"),
+    *("fmi2SerializeFMUstate", "fmi2DeSerializeFMUstate", "fmi2GetDirectionalDerivative"),
+    *("fmi2SetRealInputDerivatives", "fmi2GetRealOutputDerivatives", "fmi2CancelStep"),
+)
+"""Functions that an importer calls only if the FMU says that it has the capability. Some FMUs leave them out."""
+
+
+class _Library:
+    """A loaded library. For a function of ``OPTIONAL`` that it lacks, it has one that raises SimulationError."""
+
+    def __init__(self, library: Any, instance: str) -> None:
+        self._library = library
+        self._instance = instance
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return getattr(self._library, name)
+        except AttributeError:
+            if name in OPTIONAL:
+                return _Missing(f"{self._instance}: the library has no {name}.")
+            raise
+
+
+class _Missing:
+    """A function that a library lacks."""
+
+    def __init__(self, problem: str) -> None:
+        self._problem = problem
+
+    def __call__(self, *_: object) -> None:
+        raise SimulationError(self._problem)
+
+
+class FMU2Tolerant(fmi2.FMU2Slave):
+    """FMPy's FMU2Slave for libraries without functions of ``OPTIONAL``. FMPy needs a name that begins with FMU2."""
+
+    def _loadFunctions(self) -> None:
+        self.dll = _Library(self.dll, self.instanceName)
+        fmi2.FMU2Slave._loadFunctions(self)
+
+
 _LOADING = threading.Lock()
 """Held while FMPy loads a library, because FMPy then changes the working directory of the process."""
 
@@ -209,7 +245,7 @@ class FmuInstance:
 
     def _bind(self) -> Any:
         """FMPy's object for the loaded library."""
-        return fmi2.FMU2Slave(
+        return FMU2Tolerant(
             guid=self.fmu.guid,
             modelIdentifier=self.fmu.identifier,
             unzipDirectory=str(self._folder),

@@ -17,7 +17,7 @@ from .csv import shortened
 from .frame import dataframe, listed, span
 from .header import TIME_NAMES, split_label, unit_text
 from .resample import UNEVEN, usual_step
-from .tables import Table, open_table
+from .tables import TEXT, Table, open_table
 
 Array = NDArray[np.float64]
 
@@ -106,8 +106,8 @@ def read_record(
 ) -> Record:
     """Read a record from a .csv (.tsv, .txt, .dat), .parquet or .mat file.
 
-    In a CSV file, comma, semicolon or tab divides the cells. Numbers have a decimal point or comma. The first line
-    names the columns; a row of units may follow. A name may hold the unit: column ``x [mm]`` is ``x`` in mm.
+    In a CSV file, comma, semicolon, tab or blanks divide the cells. Numbers have a decimal point or comma. The first
+    line names the columns; a row of units may follow. A name may hold the unit: column ``x [mm]`` is ``x`` in mm.
     Parquet needs the extra ``parquet``, MAT (version 5) the extra ``tools``.
 
     ``time``: name of the column of time (default: the column called time, t or zeit).
@@ -196,7 +196,8 @@ def _time_column(names: _Names, time: str | None, sampling_time: float | None, p
         found = [i for i, name in enumerate(names.names) if name.rpartition(".")[2].strip().casefold() == known]
         if len(found) == 1:
             return found[0]
-    marks = " Cells are divided by comma, semicolon or tab." if len(names.names) == 1 else ""
+    alone = len(names.names) == 1 and names.path.suffix.lower() in TEXT
+    marks = " Cells are divided by comma, semicolon, tab or blanks." if alone else ""
     known = suggest("time", names.names)
     problems.append(f"{names.path}: which column is the time? Name it, or give a sampling time.{known}{marks}")
     return None

@@ -84,11 +84,13 @@ def file_metadata(path: Path) -> Mapping[str, object]:
 class _Arrays:
     """A table whose columns are arrays of numbers."""
 
-    def __init__(self, columns: Mapping[str, NDArray[np.float64]], metadata: Mapping[str, object]) -> None:
-        self.labels = list(columns)
+    def __init__(
+        self, labels: Sequence[str], columns: Sequence[NDArray[np.float64]], metadata: Mapping[str, object]
+    ) -> None:
+        self.labels = list(labels)
         self.units = ["" for _ in columns]
         self.metadata = metadata
-        self._columns = list(columns.values())
+        self._columns = list(columns)
 
     def values(self, columns: Sequence[int]) -> NDArray[np.float64]:
         return np.column_stack([self._columns[column] for column in columns])
@@ -117,27 +119,28 @@ class ParquetTable(_Arrays):
             table = file.read()
         except (arrow.ArrowException, OSError) as error:
             raise DescriptionError(f"{path}: is no Parquet file that can be read ({error}).") from None
-        columns: dict[str, NDArray[np.float64]] = {}
-        self._texts: dict[str, list[object]] = {}
-        for name, column in zip(table.column_names, table.columns, strict=True):
+        columns: list[NDArray[np.float64]] = []
+        self._others: dict[int, str] = {}
+        """Why the values of a column are no numbers, by the number of the column."""
+        of = arrow.types
+        for number, column in enumerate(table.columns):
             kind = column.type
-            if arrow.types.is_floating(kind) or arrow.types.is_integer(kind) or arrow.types.is_boolean(kind):
-                columns[name] = column.cast(arrow.float64()).to_numpy()
-            else:
-                self._texts[name] = column.slice(0, 1).to_pylist()
-                columns[name] = np.full(len(column), np.nan)
-        super().__init__(columns, _decoded(file.metadata.metadata or {}))
+            if of.is_floating(kind) or of.is_integer(kind) or of.is_boolean(kind) or of.is_decimal(kind):
+                columns.append(column.cast(arrow.float64()).to_numpy())
+                continue
+            columns.append(np.full(len(column), np.nan))
+            self._others[number] = f"{next(iter(column.slice(0, 1).to_pylist()), None)!r} is not a number."
+            if of.is_temporal(kind):
+                self._others[number] = f"the values are of type {kind}. Write times in seconds, as numbers."
+        super().__init__(table.column_names, columns, _decoded(file.metadata.metadata or {}))
         fields: list[Mapping[bytes, bytes] | None] = [field.metadata for field in table.schema]
         self.units = [(field or {}).get(b"unit", b"").decode("utf-8", "replace") for field in fields]
 
     def is_number(self, row: int, column: int) -> bool:
-        return self.labels[column] not in self._texts
+        return column not in self._others
 
     def wrong(self, row: int, column: int) -> str:
-        texts = self._texts.get(self.labels[column])
-        if texts is not None:
-            return f"{texts[0]!r} is not a number."
-        return super().wrong(row, column)
+        return self._others.get(column) or super().wrong(row, column)
 
 
 def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, object]:
@@ -155,8 +158,10 @@ def _decoded(metadata: Mapping[bytes, bytes]) -> dict[str, object]:
 
 
 class MatTable(_Arrays):
-    """The vectors of a MAT file. A vector in a struct is named ``struct.field``; a matrix has columns ``name[1]`` ...
+    """The vectors of a MAT file.
 
+    A vector in a struct is named ``struct.field``. The columns of a matrix and the elements of a struct array or cell
+    array are named ``name[1]``, ``name[2]`` ...
     Vectors of other lengths than the most common one are left out. Scalars and texts are metadata.
     Raises DescriptionError if scipy is not installed, if the file cannot be read, or if it has no vectors.
     """
@@ -187,12 +192,16 @@ class MatTable(_Arrays):
         if not lengths:
             raise DescriptionError(f"{path}: holds no vectors of numbers.")
         length = max(lengths, key=lambda size: (lengths.count(size), size))
-        super().__init__({name: vector for name, vector in vectors.items() if vector.size == length}, metadata)
+        kept = {name: vector for name, vector in vectors.items() if vector.size == length}
+        super().__init__(list(kept), list(kept.values()), metadata)
 
 
 def _leaves(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for name, value in content.items():
         if isinstance(value, dict):
             yield from _leaves(f"{prefix}{name}.", cast("dict[str, Any]", value))
+        elif isinstance(value, list):
+            elements = enumerate(cast("list[Any]", value), 1)
+            yield from _leaves(prefix, {f"{name}[{number}]": element for number, element in elements})
         else:
             yield f"{prefix}{name}", value

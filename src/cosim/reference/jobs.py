@@ -284,7 +284,6 @@ def values_of(file: str, name: str, table: Table, variable: Any, element: int | 
 
 _TRUTH = {"true": 1.0, "false": 0.0}
 
-
 _INTEGERS = {
     **{f"{sign}Int{bits}": f"{sign.lower()}int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)},
     "Integer": "int32",

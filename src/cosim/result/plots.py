@@ -36,14 +36,11 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
 """Line colours in order (Okabe and Ito 2008). Yellow is left out because it is pale on white."""
 
-
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".eps")
 """Allowed endings of picture files."""
 
-
 POINTS = 4000
 """Number of columns of the envelope of a long signal. A signal with more than twice as many samples is long."""
-
 
 _DISPLAY = {
     "m": ("mm", "um", "nm"),
@@ -54,7 +51,6 @@ _DISPLAY = {
     "A": ("A", "mA"),
     "V": ("V", "mV"),
 }
-
 
 _NO_DATE: Mapping[str, dict[str, None]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Metadata by the ending of the file: no date. With the fixed salt below, equal pictures have equal bytes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,8 +22,11 @@ ACCEPTED_TYPES = {
     "Enumeration": ("Enumeration", "Integer"),
 }
 """For each input type, the output types it accepts (lossless conversions only)."""
-
-
+ROUNDED = 5e-4
+"""Largest relative difference of a rounded conversion from the exact one: 0.1047 for 0.10472 is rounded, 273 for 273.15
+is not."""
+SHOWN_CONNECTIONS = 3
+"""Largest number of connections that a note lists."""
 KEYS = ("from", "to", "factor", "factors", "offset", "units", "noise")
 
 
@@ -53,6 +57,7 @@ def read_connections(
                 )
             taken.setdefault(connection.target, connection)
     _same_seeds(result, findings)
+    _missing_units(result, ports, findings)
     return tuple(result)
 
 
@@ -68,6 +73,34 @@ def _same_seeds(connections: Sequence[Connection], findings: Findings) -> None:
                 f"connection {connection}",
                 f"noise of the same seed as that of {first}: both are the same numbers. Give another seed.",
             )
+
+
+def _missing_units(connections: Sequence[Connection], ports: Mapping[str, Ports], findings: Findings) -> None:
+    """Note the connections of which one end has a unit and the other has none: nothing can be checked or converted.
+
+    A number without a unit fits ``1``. For a record, the note says where its unit is written.
+    """
+    found: list[str] = []
+    for connection in connections:
+        (name, variable), (other, other_variable) = connection.source, connection.target
+        unit, wanted = ports[name].variables[variable].unit, ports[other].variables[other_variable].unit
+        if connection.units != "same" or (unit is None) == (wanted is None) or "1" in (unit, wanted):
+            continue
+        if isinstance(ports[name], SignalSource):
+            findings.note(
+                f"connection {connection}",
+                f"nothing says the unit of '{variable}': its values are taken as {wanted}. Say it in "
+                f'signals.{name}.columns: unit = "{wanted}".',
+            )
+        else:
+            units = unit or "no unit", wanted or "no unit"
+            found.append(f"{connection} ({units[0]} -> {units[1]})")
+    if found:
+        shown = ", ".join(found[:SHOWN_CONNECTIONS])
+        more = f" and {len(found) - SHOWN_CONNECTIONS} more" if len(found) > SHOWN_CONNECTIONS else ""
+        findings.note(
+            "connections", f"the FMU states no unit at one end, so values are passed on as they are: {shown}{more}."
+        )
 
 
 # One entry
@@ -229,7 +262,7 @@ def _checked(
     if source.type not in ACCEPTED_TYPES.get(target.type, ()):
         findings.problem(where, f"an output of type {source.type} cannot feed an input of type {target.type}.")
         return None
-    if (source.type, target.type) == ("Integer", "Enumeration"):
+    if target.type == "Enumeration" and source.items != target.items:
         findings.note(where, f"its numbers choose items of {target.name}: {_items(target)}.")
     if (connection.factor != 1.0 or connection.offset != 0.0) and target.type != "Real":
         findings.problem(where, f"factor and offset need an input of type Real, not {target.type}.")
@@ -237,12 +270,6 @@ def _checked(
         findings.problem(where, f"sums and noise need an input of type Real, not {target.type}.")
     ends = ports[connection.source[0]], ports[connection.target[0]]
     checked = _with_units(where, connection, (source, target), ends, findings)
-    if isinstance(ends[0], SignalSource) and source.unit is None and connection.units == "same" and target.unit:
-        findings.note(
-            where,
-            f"nothing says the unit of '{connection.source[1]}': its values are taken as {target.unit}. Say it in "
-            f'signals.{connection.source[0]}.columns: unit = "{target.unit}".',
-        )
     return checked if len(findings.problems) == before else None
 
 
@@ -268,26 +295,56 @@ def _with_units(
     findings: Findings,
 ) -> Connection | None:
     """The connection with its conversion of units, if it asks for one; None if the units do not fit."""
-    if connection.units in ("given", "suppressed"):
+    if connection.units == "suppressed":
         return connection
     unit, other = variables[0].unit, variables[1].unit
-    if unit is None or other is None or is_same_unit(fmus[0], unit, fmus[1], other):
-        return replace(connection, units="same")
-    factors = unit_conversion(fmus[0].unit(unit), fmus[1].unit(other))
+    if unit is None or other is None or is_same_unit(fmus[0], variables[0], fmus[1], variables[1]):
+        return connection if connection.units == "given" else replace(connection, units="same")
+    known = meaning(fmus[0], variables[0]), meaning(fmus[1], variables[1])
+    factors = unit_conversion(*known)
+    if variables[0].relative != variables[1].relative and any(meant and meant.offset for meant in known):
+        factors = None  # a temperature is no difference of temperatures
+    if connection.units == "given":
+        if factors is not None:
+            _compare(where, connection, (unit, other), factors, findings)
+        return connection
     if connection.units == "converted" and factors is not None:
         return converted(connection, *factors)
-    known = fmus[0].unit(unit), fmus[1].unit(other)
     one, two = (f"{name} ({known[i]})" if unit == other else name for i, name in enumerate((unit, other)))
     findings.problem(where, f"unit {one} does not match {two}. {_remedy(connection, unit, other, known, factors)}")
     return None
 
 
-def is_same_unit(one: Ports, unit: str, other: Ports, other_unit: str) -> bool:
-    """Whether two units of two FMUs are the same. Their definitions decide; if one is not known, their names."""
-    a, b = one.unit(unit), other.unit(other_unit)
+def _compare(
+    where: str, connection: Connection, units: tuple[str, str], conversion: tuple[float, float], findings: Findings
+) -> None:
+    """Note a factor that does not do what the conversion of the units would do: a ratio may be meant beside it."""
+    factor, offset = connection.stated
+    same_offset = conversion[1] == 0.0 or math.isclose(offset, conversion[1], rel_tol=ROUNDED)
+    if factor != 0.0 and not (math.isclose(abs(factor), abs(conversion[0]), rel_tol=ROUNDED) and same_offset):
+        findings.note(
+            where,
+            f"{_numbers((factor, offset))} is all that is done from {units[0]} to {units[1]}; the units alone convert "
+            f'by {_numbers(conversion)}. If the numbers are meant beside that, add units = "convert".',
+        )
+
+
+def _numbers(numbers: tuple[float, float]) -> str:
+    return f"factor = {numbers[0]:.6g}" + (f", offset = {numbers[1]:.6g}" if numbers[1] else "")
+
+
+def meaning(port: Ports, variable: Variable) -> Unit | None:
+    """The meaning of a variable's unit; None if it is unknown. A difference has no offset."""
+    unit = None if variable.unit is None else port.unit(variable.unit)
+    return unit.difference if unit is not None and variable.relative else unit
+
+
+def is_same_unit(one: Ports, variable: Variable, other: Ports, other_variable: Variable) -> bool:
+    """Whether two variables have the same unit. Definitions of units decide; if one is not known, names."""
+    a, b = meaning(one, variable), meaning(other, other_variable)
     if a is None or b is None:
-        return unit == other_unit
-    if unit == other_unit and a.exponents[:-1] == b.exponents[:-1]:
+        return variable.unit == other_variable.unit
+    if variable.unit == other_variable.unit and a.exponents[:-1] == b.exponents[:-1]:
         # For some files rad is a base unit, for others it is 1: rad/s is rad.s-1 in one file and s-1 in the other.
         b = replace(b, exponents=a.exponents)
     return a.matches(b)

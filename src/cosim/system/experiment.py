@@ -67,7 +67,9 @@ def _seconds(table: Mapping[str, Any], key: str, default: Fraction | None, findi
     where = f"experiment.{key}"
     if key not in table:
         if default is None:
-            findings.problem(where, f"missing. Give it in seconds, such as {key} = 1.0.")
+            findings.problem(
+                where, f"missing. Give it in seconds, such as {key} = 1.0, or --{key.replace('_', '-')} 1.0."
+            )
             return None
         return Decimal(int(default))
     value = table[key]

@@ -29,9 +29,6 @@ from .instances import NAME
 from .parts import SignalSource
 from .values import fraction
 
-HIGHEST = 2
-"""Highest order of derivatives: velocity and acceleration of a position."""
-
 
 class SmoothingData(Table):
     """How derivatives are smoothed: by a polynomial fitted to the samples in a window in s."""

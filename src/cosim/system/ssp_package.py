@@ -26,12 +26,9 @@ from .ssp_names import NAMESPACES, lxml_etree, tag
 DESCRIPTION = "SystemStructure.ssd"
 """The file of a package that describes its system."""
 
-
 _schemas = Path(fmpy.ssp.__file__).parent / "schema"
 
-
 _unpacked: dict[str, Path] = {}
-
 
 _folders = contextlib.ExitStack()
 """Folders of unpacked packages, which last as long as the process."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from ..units import BASE_UNITS, Unit, resolve_unit
-from .connections import unit_conversion
+from .connections import meaning, unit_conversion
 from .ssp_names import tag
 from .ssp_tree import End, Part, Path
 
@@ -68,11 +68,14 @@ class ConnectorUnits:
         """The units that the SSD defines."""
         self.parts: dict[Path, Part] = {part.path: part for part in top.all()}
 
-    def meant(self, path: Path, name: str, *own: Mapping[str, Unit]) -> NamedUnit:
-        """The unit called ``name`` at the element ``path``. The definitions ``own`` come first."""
-        fmu = self.parts[path].fmu
+    def meant(self, end: End, name: str, *own: Mapping[str, Unit]) -> NamedUnit:
+        """The unit called ``name`` at a connector. The definitions ``own`` come first. A difference has no offset."""
+        fmu = self.parts[end[0]].fmu
         stated: Mapping[str, Unit] = {} if fmu is None else fmu.base_units
-        return NamedUnit(name, resolve_unit(name, *own, stated, self.defined))
+        unit = resolve_unit(name, *own, stated, self.defined)
+        variable = None if fmu is None else fmu.variables.get(end[1])
+        relative = variable is not None and variable.relative
+        return NamedUnit(name, unit.difference if unit is not None and relative else unit)
 
     def own(self, end: End) -> NamedUnit | None:
         """The unit of the FMU's variable behind a connector; for a connector of a system, the unit in the SSD."""
@@ -80,14 +83,14 @@ class ConnectorUnits:
         if fmu is None:
             return self.stated(end)
         variable = fmu.variables.get(end[1])
-        return None if variable is None or variable.unit is None else self.meant(end[0], variable.unit)
+        return None if variable is None or variable.unit is None else self.meant(end, variable.unit)
 
     def stated(self, end: End) -> NamedUnit | None:
         """The unit that the SSD states for a connector."""
         connector = self.parts[end[0]].connectors.get(end[1])
         real = None if connector is None else connector.find(tag("ssc:Real"))
         name = None if real is None else real.get("unit")
-        return self.meant(end[0], name) if name else None
+        return self.meant(end, name) if name else None
 
     def unit(self, end: End) -> NamedUnit | None:
         """The unit of a connector."""
@@ -96,8 +99,8 @@ class ConnectorUnits:
     def differs(self, end: End) -> bool:
         """Whether the unit of a connector differs from the unit of its variable in the FMU alone."""
         fmu, own, unit = self.parts[end[0]].fmu, self.own(end), self.unit(end)
-        meant = None if unit is None else unit.meaning
-        known = None if fmu is None or own is None else fmu.unit(own.name)
-        if known is None or meant is None:
-            return meant is not None
-        return not known.matches(meant)
+        wanted = None if unit is None else unit.meaning
+        known = None if fmu is None or own is None else meaning(fmu, fmu.variables[end[1]])
+        if known is None or wanted is None:
+            return wanted is not None
+        return not known.matches(wanted)

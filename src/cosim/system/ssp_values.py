@@ -22,7 +22,6 @@ from .ssp_units import ConnectorUnits, NamedUnit, conversion, defined_units
 SET = "application/x-ssp-parameter-set"
 MAPPING = "application/x-ssp-parameter-mapping"
 
-
 SHOWN_NAMES = 3
 """Largest number of unknown names that a note lists."""
 
@@ -133,7 +132,7 @@ class ParameterValues:
                     continue
                 given = Given(typed_value(local_name(typed), typed.get("value", "")), None)
                 if typed.get("unit"):
-                    given = Given(given.value, self.units.meant(found[0], typed.get("unit"), own))
+                    given = Given(given.value, self.units.meant(found, typed.get("unit"), own))
                 self.enter(found, given, entry)
         if nowhere:
             self.note(

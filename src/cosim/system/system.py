@@ -89,7 +89,7 @@ from .parts import Connection, Instance, Order, Ports, SignalSource
 from .record import recorded_variables
 from .samples import check_steps
 from .single import fmu_document, full_names
-from .values import fraction, start_value
+from .values import fraction, show_value, start_value
 
 KEYS = ("description", "connections", "experiment", "instances", "signals", "record")
 """The tables and keys at the top of a system file."""
@@ -246,7 +246,7 @@ def read_system(
     if has_ending(path, ".ssp", ".ssd"):
         loaded, folder, notes = _read_ssp(path)
     elif has_ending(path, ".fmu"):
-        loaded = fmu_document(path)
+        loaded, notes = fmu_document(path, stop_time, step_size)
         overrides = full_names(loaded, overrides or {})
         record = None if record is None else list(full_names(loaded, dict.fromkeys(record)))
     else:
@@ -292,6 +292,9 @@ def _checked(
     """
     findings = Findings(name, problems)
     findings.known_keys("", document, KEYS)
+    description = document.get("description", "")
+    if not isinstance(description, str):
+        findings.problem("description", f"must be a text, not {show_value(description)}.")
     instances = read_instances(document, Places(folder, fmus), findings)
     signals, experiment = _signals_and_experiment(document, instances, folder, findings)
     ports: dict[str, Ports] = {**{name: instance.fmu for name, instance in instances.items()}, **signals}
@@ -304,6 +307,8 @@ def _checked(
         findings.problem(
             "record.decimation", f"{decimation} is more than the {experiment.steps} steps of the run. Take less."
         )
+    elif decimation > 1 and experiment.steps:
+        findings.note("record.decimation", _rare_rows(decimation, experiment))
     evaluated = tuple(instances)
     if not findings.problems:
         evaluated = evaluation_order(instances, connections, experiment.order, findings)
@@ -311,7 +316,7 @@ def _checked(
         raise DescriptionError(list(dict.fromkeys(findings.problems)))
     return System(
         name=name,
-        description=str(document.get("description", "")),
+        description=str(description),
         instances=tuple(instances.values()),
         signals=tuple(signals.values()),
         connections=connections,
@@ -353,6 +358,17 @@ def _signals_and_experiment(
         times = float(experiment.start_time), float(experiment.stop_time), float(experiment.step_size)
         check_times(signals, times, findings)
     return signals, experiment
+
+
+def _rare_rows(decimation: int, experiment: ExperimentTimes) -> str:
+    """What a decimation leaves out."""
+    step, missed = float(experiment.step_size), experiment.steps % decimation
+    last = float(experiment.stop_time) - missed * step
+    end = f" The last row is at {last:.9g} s, before the end of the run." if missed else ""
+    return (
+        f"figures and pictures are of the recorded rows, {decimation * step:.6g} s apart: peaks between them are not "
+        f"seen.{end}"
+    )
 
 
 def _units_of_inputs(

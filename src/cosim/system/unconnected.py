@@ -76,7 +76,6 @@ def _fitting(
             or offered.type not in ACCEPTED_TYPES.get(variable.type, ())
         ):
             continue
-        units = offered.unit, variable.unit
-        if units[0] is None or units[1] is None or is_same_unit(other.fmu, units[0], fmu, units[1]):
+        if offered.unit is None or variable.unit is None or is_same_unit(other.fmu, offered, fmu, variable):
             found.append((other.name, wanted))
     return found

@@ -17,7 +17,6 @@ from ..units import parse_unit
 
 _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
 
-
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """A number as people type it. TOML is stricter: it needs digits on both sides of the point, and no leading zeros."""
 
@@ -32,7 +31,6 @@ RANGES = {
     **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
 }
 """Smallest and largest value of each integer type of FMI."""
-
 
 WHOLE = 4e-15
 """Largest relative distance from a whole number.
