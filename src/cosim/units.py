@@ -223,6 +223,8 @@ def parse_unit(text: str) -> Unit:
 def _spelt(text: str) -> str:
     """The question for a unit in another spelling, such as ``kg*m^2`` or ``µm``; "" if that is no unit either."""
     spelt = text.strip().translate(_SPELLINGS).replace("**", "").replace("*", ".").replace(" ", ".")
+    if spelt == text:
+        return ""
     try:
         parse_unit(spelt)
     except DescriptionError:
