@@ -95,6 +95,7 @@ def _symbol(name: str, exponent: Fraction) -> str:
 def _base(factor: float = 1.0, offset: float = 0.0, cycles: int = 0, **exponents: int) -> Unit:
     return Unit(factor, tuple(Fraction(exponents.get(name, 0)) for name in BASE_UNITS), offset, Fraction(cycles))
 
+
 _WORDS = {
     word: symbol
     for symbol, words in {
