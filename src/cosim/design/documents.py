@@ -262,7 +262,7 @@ class OutputData(Table):
     unit: Text | None = None
     """Unit of the column. Default: the unit in the record, else the unit of the signal."""
     factor: Number = 1.0
-    """Factor on the column before it is compared."""
+    """Factor on the column, beside the conversion of its unit, before it is compared."""
     reference: Text | None = None
     """Column that is subtracted for the figures: the reference of a loop gives figures of the tracking error."""
     noise: Positive | None = None

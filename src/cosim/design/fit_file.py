@@ -358,6 +358,14 @@ class _Reader:
             else:
                 self._problem(f"outputs.{output}", f"{record.path.name}, column {column}: {error}")
                 factor = 1.0
+        where = f"outputs.{output}: {record.path.name}, column {column}"
+        if not stated and unit != "1" and given.factor == 1.0:
+            self.notes.append(f'{where}: nothing says its unit: taken as {unit}. Say it: unit = "{unit}".')
+        if factor != 1.0 and math.isclose(abs(given.factor), factor, rel_tol=1e-3):
+            self.notes.append(
+                f"{where}: converted from {stated} to {unit}, and then multiplied by factor = {given.factor:g}. If "
+                "the factor is this conversion, leave it out."
+            )
         return values * (factor * given.factor)
 
     def _output(self, name: str, unit: str, records: Sequence[FitRecord]) -> Output:

@@ -28,7 +28,7 @@ from typing import Any, BinaryIO, Self, TypeVar, cast
 
 from ..errors import CosimError, DescriptionError, FileError, SimulationError
 from ..files import reason, temporary_folder
-from ..master.child import Channel, high
+from ..master.child import Channel, high, sent
 from ..master.process import FmuProcess, signal_text
 from ..master.signals import ENDING
 from ..master.simulation import Simulation
@@ -56,7 +56,7 @@ Run times of a system differ, since parameters change its stiffness, and a loade
 """
 
 UNKNOWN_SECONDS = 3600.0
-"""Time limit of loading, and of runs before the first run has ended: their time cannot be estimated."""
+"""Time limit of loading, and of runs before the first run has ended, if none is given: their time is not known."""
 
 
 def check_workers(count: int, least: int = 1) -> None:
@@ -298,17 +298,20 @@ class Worker:
         """
         for _ in range(KILLS - 1):
             with contextlib.suppress(WorkerKilled):
-                self.prepare(loadable)
+                self.prepare(loadable, limit.given)
                 return self.call(function, *arguments, limit=limit)
-        self.prepare(loadable)
+        self.prepare(loadable, limit.given)
         return self.call(function, *arguments, limit=limit)
 
-    def prepare(self, loadable: Loadable) -> None:
-        """Load the system in the worker's process, within ``UNKNOWN_SECONDS``. Raises LoadError."""
+    def prepare(self, loadable: Loadable, given: float | None) -> None:
+        """Load the system in the worker's process. Raises LoadError.
+
+        ``given`` is the time limit of a run in s, if the user gave one. Loading may take longer than a short run.
+        """
         if self._ready == loadable.digest and self._process is not None and not self._process.ended():
             return
         try:
-            self.call(load, loadable, limit=Limit(UNKNOWN_SECONDS))
+            self.call(load, loadable, limit=Limit(UNKNOWN_SECONDS if given is None else max(given, LEAST_SECONDS)))
         except WorkerKilled:
             raise
         except WorkerError as error:
@@ -406,7 +409,7 @@ class Worker:
         code = process.code
         self.close()
         if code is None:
-            return WorkerError("an FMU closed the connection of its process.")
+            return WorkerError("an FMU closed or damaged the connection of its process.")
         if hasattr(signal, "SIGKILL") and code == -signal.SIGKILL:
             return WorkerKilled(f"the process of the FMUs was killed {KILLS} times: {signal_text(-code)}.")
         if code < 0:
@@ -419,10 +422,9 @@ class Worker:
 
 def _read(file: BinaryIO, answers: queue.SimpleQueue[Answer | None]) -> None:
     """Put answers where the owner waits for them, and None after the last one."""
-    with contextlib.suppress(OSError, ValueError, EOFError, pickle.UnpicklingError), file:
-        while header := file.read(8):
-            content = file.read(int.from_bytes(header, "little"))
-            answers.put(pickle.loads(content))
+    with file:
+        for answer in sent(file):
+            answers.put(answer)
     answers.put(None)
 
 

@@ -376,12 +376,12 @@ def check_times(signals: Mapping[str, SignalSource], times: tuple[float, float, 
             text = f"the record begins at {first:.9g} s, after the start of the run at {start:.9g} s"
             if extend == "stop":
                 findings.problem(
-                    where, f"{text}. Give start_time = {own.time[0]:.9g}, the record's time at that start."
+                    where, f"{text}. Give start_time = {own.time[0]:.15g}, the record's time at that start."
                 )
             elif extend is None:
                 findings.note(
                     where,
-                    f"{text}: its first values hold until then. start_time = {own.time[0]:.9g} would begin with it; "
+                    f"{text}: its first values hold until then. start_time = {own.time[0]:.15g} would begin with it; "
                     'extend = "hold" says that this is meant.',
                 )
         if last + own.step < stop - slack and extend is None:
@@ -389,6 +389,12 @@ def check_times(signals: Mapping[str, SignalSource], times: tuple[float, float, 
                 where,
                 f"the record ends at {last:.9g} s, before the end of the run at {stop:.9g} s: its last values "
                 'hold from then on. extend = "hold" says that this is meant; others are "repeat" and "stop".',
+            )
+        if 2.0 * own.step > stop - start and own.time.size > 3:
+            findings.note(
+                where,
+                f"the record has a sample every {own.step:.6g} s, so the run of {stop - start:.6g} s sees almost none "
+                f'of its {own.time.size} samples. If its times are not in s, say time_unit = "ms".',
             )
         if own.step < 0.99 * step and own.time.size > 1:
             findings.note(

@@ -10,7 +10,7 @@ from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Any, cast
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, clipped, suggest
 from ..fmu.variables import Value, Variable
 
 _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
@@ -24,6 +24,9 @@ RANGES = {
     **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
 }
 """Smallest and largest value of each integer type of FMI."""
+
+MOST_DIGITS = 300
+"""Largest number of digits of a fraction. Doubles have numbers up to 1.8e308."""
 
 WHOLE = 4e-15
 """Largest relative distance from a whole number.
@@ -51,11 +54,11 @@ def parse_settings(items: Sequence[str]) -> dict[str, object]:
 
 def parse_value(text: str) -> object:
     """A value from the command line: a number, else a TOML value, else the text itself (an enumeration item)."""
-    if _NUMBER.fullmatch(text):
-        return Decimal(text)
     try:
+        if _NUMBER.fullmatch(text):
+            return Decimal(text)
         return tomllib.loads(f"value = {text}", parse_float=Decimal)["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, ArithmeticError, RecursionError):
         return text
 
 
@@ -87,10 +90,13 @@ def decimal(value: object) -> Decimal | None:
 def fraction(value: object) -> Fraction | None:
     """A finite number, exactly as it is written, or a text such as ``"1/30"``; None for everything else."""
     if isinstance(value, str):
-        match = _FRACTION.fullmatch(value)
+        match = _FRACTION.fullmatch(value) if len(value) <= MOST_DIGITS else None
         return Fraction(match[1]) / Fraction(match[2]) if match and Fraction(match[2]) else None
     number = decimal(value)
-    return Fraction(number) if number is not None and number.is_finite() else None
+    # As a fraction, a number with an exponent of millions would fill the memory.
+    if number is None or not number.is_finite() or abs(number.adjusted()) > MOST_DIGITS:
+        return None
+    return Fraction(number)
 
 
 def whole(ratio: Fraction) -> int | None:
@@ -100,12 +106,12 @@ def whole(ratio: Fraction) -> int | None:
 
 
 def show_value(value: object) -> str:
-    """A value as it is written in a system file."""
+    """A value as it is written in a system file. Of a long one, only the beginning is shown."""
     if isinstance(value, str):
-        return f'"{value}"'
+        return f'"{clipped(value)}"'
     if isinstance(value, bool):
         return str(value).lower()
-    return str(value)
+    return clipped(str(value))
 
 
 def show_start(variable: Variable, value: Value) -> str:
@@ -144,7 +150,9 @@ def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
     number = None if isinstance(given, str) else decimal(given)
     if number is None:
         comma = (
-            " Write it with a point." if isinstance(given, str) and _NUMBER.fullmatch(given.replace(",", ".")) else ""
+            " Write it with a point."
+            if isinstance(given, str) and "," in given and _NUMBER.fullmatch(given.replace(",", "."))
+            else ""
         )
         said = f"{show_value(given)} is not a number."
         return None, said + comma + (f" The unit is {variable.unit}." if unit else "")
