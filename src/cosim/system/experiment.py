@@ -14,6 +14,9 @@ from .findings import Findings
 from .parts import Order
 from .values import decimal, fraction, show_value, whole
 
+MAX_STEPS = 2**53
+"""Largest number of steps: the numbers of the steps are then exact as doubles."""
+
 
 @dataclass(frozen=True)
 class ExperimentTimes:
@@ -74,11 +77,19 @@ def _seconds(table: Mapping[str, Any], key: str, default: Fraction | None, findi
         return Decimal(int(default))
     value = table[key]
     number = fraction(value) if isinstance(value, str) else decimal(value)
-    if number is None or (isinstance(number, Decimal) and not number.is_finite()):
+    if number is None or not _finite(number):
         hint = ' Fractions are written "1/30".' if isinstance(value, str) and "/" in value else ""
         findings.problem(where, f"{show_value(value)} is not a finite number of seconds.{hint}")
         return None
     return number
+
+
+def _finite(number: Number) -> bool:
+    """Whether a number is finite as a double."""
+    try:
+        return math.isfinite(float(number))
+    except OverflowError:
+        return False
 
 
 def _with_record(  # noqa: PLR0917
@@ -121,6 +132,12 @@ def _decimal(number: Number) -> Decimal:
 def _steps(start: Number, stop: Number, step: Number, findings: Findings) -> int:
     length = Fraction(stop) - Fraction(start)
     ratio = length / Fraction(step)
+    if ratio > MAX_STEPS:
+        findings.problem(
+            "experiment.step_size",
+            f"{step} s up to {_decimal(stop)} s are more steps than there are whole numbers in a double. Change one.",
+        )
+        return 0
     steps = whole(ratio)
     if steps is not None:
         return steps

@@ -163,8 +163,9 @@ def _few(names: Sequence[str]) -> str:
 
 def _start(where: str, variable: Variable, given: object, result: dict[str, Value], findings: Findings) -> None:
     if not variable.settable:
+        kind = f"{variable.type} {variable.causality}" if variable.type in ("Binary", "Clock") else variable.causality
         remedy = "Only parameters, inputs and initial states can be set."
-        findings.problem(where, f"a {variable.variability} {variable.causality} cannot be set. {remedy}")
+        findings.problem(where, f"a {variable.variability} {kind} cannot be set. {remedy}")
         return
     value, problem = start_value(variable, given)
     if problem:
