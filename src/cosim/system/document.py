@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
 from ..fmu.places import shipped_systems
-from ..fmu.text import read_toml
+from ..fmu.text import named_path, read_toml
 from .values import decimal, flat_table
 
 
@@ -41,7 +41,7 @@ def _moved(document: dict[str, Any], source: Path, target: Path) -> dict[str, An
     for name, table in tables.items():
         items: Mapping[str, Any] = cast("Mapping[str, Any]", table) if isinstance(table, Mapping) else {}
         if isinstance(items.get("file"), str):
-            tables[name] = {**items, "file": str(source.resolve() / items["file"])}
+            tables[name] = {**items, "file": str(named_path(items["file"], source.resolve()))}
     return {**document, "signals": tables}
 
 
