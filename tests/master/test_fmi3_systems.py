@@ -183,3 +183,13 @@ def test_states_and_derivatives_of_fmi3(native: Path, fmi3: Path) -> None:
     assert np.array_equal(matrices[0][0], matrices[1][0])
     assert np.array_equal(matrices[0][1], matrices[1][1])
     assert matrices[0][1].any()
+
+
+def test_an_alias_is_a_variable_of_its_own_name(tmp_path: Path) -> None:
+    """As in the Reference FMU BouncingBall, whose height has another name for another unit."""
+    level = '<UInt8 name="level" valueReference="40" causality="local" max="9"><Alias name="level_alias"/></UInt8>'
+    path = write_echo3(tmp_path / "Alias.fmu", more=level)
+    variables = read_fmu(path).variables
+    assert (variables["level"].max, variables["level_alias"].max) == (9.0, 9.0)
+    assert variables["level_alias"].reference == variables["level"].reference
+    assert simulate(read_system(path, stop_time=1)).time[-1] == 1.0

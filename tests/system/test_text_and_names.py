@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 from fmu_files import PROBE, Variable, probe_library, write_fmu, write_probe
 
+from cosim.commands.cli import main
 from cosim.errors import DescriptionError
 from cosim.fmu.places import find_fmu, find_fmus, find_system, fmus_in, shipped_studies, shipped_systems
 from cosim.fmu.text import read_text, read_toml
@@ -225,6 +227,36 @@ def test_a_stop_time_of_zero_counts(tmp_path: Path) -> None:
 
 
 # Where things are found
+
+
+@pytest.mark.parametrize("fmu", ["~/models/Probe.fmu", "models\\Probe.fmu", ".\\models\\Probe.fmu"])
+def test_paths_with_a_home_folder_or_of_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fmu: str) -> None:
+    (tmp_path / "models").mkdir()
+    write_probe(tmp_path / "models")
+    monkeypatch.setenv("HOME" if os.name == "posix" else "USERPROFILE", str(tmp_path))
+    (tmp_path / "models" / "log.csv").write_text("t,x\n0,1\n1,2\n", encoding="utf-8")
+    text = SYSTEM.replace("./Probe.fmu", fmu).replace('"a.y -> b.u"', '"a.y -> b.u", "log.x -> a.u"')
+    text = text.replace('"./', "'./").replace(f'"{fmu}"', f"'{fmu}'")
+    log = fmu.replace("Probe.fmu", "log.csv")
+    (tmp_path / "s.toml").write_text(f"{text}\n[signals.log]\nfile = '{log}'\n", encoding="utf-8")
+    assert read_system(tmp_path / "s.toml").instances[0].fmu.path == (tmp_path / "models" / "Probe.fmu").resolve()
+    assert main(["check", f"--fmus={tmp_path}", str(tmp_path / "s.toml")]) == 0
+
+
+def test_the_home_folder_is_known_behind_the_name_of_an_option(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME" if os.name == "posix" else "USERPROFILE", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(write_probe(tmp_path)), "--stop-time=1", "--output=~/run.csv"]) == 0
+    assert (tmp_path / "run.csv").is_file()
+    assert not (tmp_path / "~").exists()
+
+
+@pytest.mark.parametrize("fmu", ["./probe.fmu", "./Probe", "./Prob.FMU"])
+def test_a_missing_file_is_told_with_the_nearest(tmp_path: Path, fmu: str) -> None:
+    write_probe(tmp_path)
+    (tmp_path / "s.toml").write_text(SYSTEM.replace("./Probe.fmu", fmu), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"no such file\. (Did you mean|Known:) .?Probe\.fmu"):
+        read_system(tmp_path / "s.toml")
 
 
 def test_endings_in_capitals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,8 @@ Module ``parser`` has the exit codes. Large packages are imported only when a co
 
 from __future__ import annotations
 
+import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -30,7 +32,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     prepare_streams()
     keep_to_one_thread()
     replace_missing_home()
-    given = sys.argv[1:] if arguments is None else arguments
+    # Shells replace ~ at the beginning of an argument, not behind the = of an option.
+    home = re.compile(r"(--[\w-]+=)(~.*)", re.DOTALL)
+    given = [
+        found[1] + os.path.expanduser(found[2]) if (found := home.fullmatch(argument)) else argument
+        for argument in (sys.argv[1:] if arguments is None else arguments)
+    ]
     parser = make_parser(*given[:1])
     if not given:
         parser.print_help(sys.stderr)

@@ -149,4 +149,6 @@ def _start(variable: Variable) -> str:
             return item
     if isinstance(variable.start, bool):
         return str(variable.start).lower()
-    return f"{variable.start:g}" if isinstance(variable.start, float) else str(variable.start or "")
+    if variable.start is None:
+        return ""
+    return f"{variable.start:g}" if isinstance(variable.start, float) else str(variable.start)

@@ -53,7 +53,7 @@ import numpy as np
 from ..errors import DescriptionError, suggest
 from ..fmu.places import shipped_file
 from ..fmu.tables import checked
-from ..fmu.text import read_toml
+from ..fmu.text import named_path, read_toml
 from ..fmu.variables import Variable
 from ..record.read import Record, read_record
 from ..result.metrics import Array
@@ -256,7 +256,7 @@ class _Reader:
         columns = list(dict.fromkeys([*columns, *(output.reference for _, output in outputs if output.reference)]))
         try:
             record = read_record(
-                self.folder / given.file, time=given.time, sampling_time=given.sampling_time, columns=columns
+                named_path(given.file, self.folder), time=given.time, sampling_time=given.sampling_time, columns=columns
             )
         except DescriptionError as error:
             self._problems(f"records.{name}", error)

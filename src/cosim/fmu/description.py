@@ -24,6 +24,7 @@ from ..errors import DescriptionError
 from ..units import Unit, resolve_unit
 from .archive import checked_members, opened, repeated, unpack
 from .reading import read_description
+from .text import no_such_file
 from .variables import Variable, read_dependencies, read_variables
 
 MAX_DESCRIPTION_BYTES = 64 * 2**20
@@ -136,7 +137,7 @@ def read_fmu(path: Path) -> Fmu:
     try:
         return _read(path.resolve(), _stamp(path))
     except FileNotFoundError:
-        raise DescriptionError(f"{path}: no such file.") from None
+        raise no_such_file(path, ".fmu") from None
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import DescriptionError, suggest
+from .text import named_path
 
 FMU_FOLDER = Path("build") / "fmus" / "native"
 
@@ -61,7 +62,7 @@ def find_fmu(text: str, fmus: Path | None = None, folder: Path | None = None) ->
     is not checked.
     """
     if is_fmu_path(text):
-        return Path(text) if folder is None else folder / text
+        return named_path(text, folder)
     where = fmus if fmus is not None else find_fmus(folder)
     if where is None:
         start = Path.cwd() if folder is None else folder.resolve()
@@ -89,8 +90,8 @@ def shipped_file(path: str | Path, folder: str | Path = ".") -> Path:
 
     Names start at the folder ``studies``: ``shams2010/fsmc_5sin`` or ``studies/shams2010/fsmc_5sin.toml``.
     """
+    wanted = named_path(path, Path(folder))
     path = Path(path)
-    wanted = Path(folder) / path
     name = path.relative_to("studies") if path.is_relative_to("studies") else path
     places = () if os.path.exists(wanted) or path.is_absolute() else study_folders()
     candidates = (place / f"{name.as_posix()}{ending}" for place in places for ending in ("", ".toml"))

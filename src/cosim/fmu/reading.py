@@ -95,8 +95,12 @@ def _completed(model: Any, root: Any) -> Any:
 
     These are relativeQuantity of all variables, and the bounds of unsigned integers.
     """
-    elements = [element for element in root.iterfind("ModelVariables/*") if element.get("name") is not None]
-    for variable, element in zip(model.modelVariables, elements, strict=True):
+    elements = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
+    aliases = {alias.get("name"): alias.getparent() for alias in root.iterfind("ModelVariables/*/Alias")}
+    for variable in model.modelVariables:
+        element = elements.get(variable.name, aliases.get(variable.name))
+        if element is None:
+            continue
         value = next((child for child in element if child.tag == variable.type), element)
         if value.get("relativeQuantity") is not None:
             variable.relativeQuantity = value.get("relativeQuantity") in ("true", "1")

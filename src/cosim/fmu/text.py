@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import os
 import tomllib
 from decimal import Decimal
 from pathlib import Path
@@ -28,8 +29,7 @@ def read_text(path: Path, fallback: str = "") -> str:
     try:
         content = path.read_bytes()
     except FileNotFoundError:
-        siblings = (p.name for p in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else ()
-        raise DescriptionError(f"{path}: no such file.{suggest(path.name, siblings)}") from None
+        raise no_such_file(path) from None
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
@@ -53,6 +53,28 @@ def read_text(path: Path, fallback: str = "") -> str:
 
 def _with_line_ends(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def named_path(text: str | Path, folder: Path | None = None) -> Path:
+    """The path of a file that a user names, relative to ``folder``; ``~`` is the home folder.
+
+    If there is no such file, backslashes divide folders, as on Windows.
+    """
+    path = Path(os.path.expanduser(text)) if folder is None else folder / os.path.expanduser(text)
+    other = Path(str(path).replace("\\", "/"))
+    return other if other.exists() and not path.exists() else path
+
+
+def no_such_file(path: Path, *endings: str) -> DescriptionError:
+    """The error for a missing file, with the nearest name of a file beside it that has one of ``endings``.
+
+    The default is the ending of ``path``. Upper and lower case count as equal.
+    """
+    wanted = [ending.lower() for ending in endings or (path.suffix,)]
+    with contextlib.suppress(OSError):
+        beside = [file.name for file in path.parent.iterdir() if file.suffix.lower() in wanted]
+        return DescriptionError(f"{path}: no such file.{suggest(path.name, beside)}")
+    return DescriptionError(f"{path}: no such file.")
 
 
 def read_toml(path: Path) -> dict[str, Any]:

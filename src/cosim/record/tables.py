@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError
 from ..extras import import_extra, require
 from ..files import reason
+from ..fmu.text import no_such_file
 from .csv import CsvTable
 from .description import columns_of, read_description
 
@@ -63,8 +64,10 @@ def open_table(path: Path) -> Table:
         table.units = [unit or described.get(name, "") for name, unit in zip(table.labels, table.units, strict=True)]
         return table
     if ending in (".parquet", ".mat"):
-        if not path.is_file():
-            raise DescriptionError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}.")
+        if path.is_dir():
+            raise DescriptionError(f"{path}: is a folder.")
+        if not path.exists():
+            raise no_such_file(path)
         return ParquetTable(path) if ending == ".parquet" else MatTable(path)
     raise DescriptionError(f"{path}: the name of a record must end in {', '.join((*TEXT, '.parquet', '.mat'))}.")
 

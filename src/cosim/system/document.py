@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
 from ..fmu.places import is_fmu_path, shipped_systems
-from ..fmu.text import read_toml
+from ..fmu.text import named_path, read_toml
 from .values import decimal, flat_table, show_value
 
 
@@ -46,7 +46,7 @@ def _moved(document: dict[str, Any], source: Path, target: Path) -> dict[str, An
             items: Mapping[str, Any] = cast("Mapping[str, Any]", table) if isinstance(table, Mapping) else {}
             file = items.get(key)
             if isinstance(file, str) and (section == "signals" or is_fmu_path(file)):
-                tables[name] = {**items, key: str(source.resolve() / file)}
+                tables[name] = {**items, key: str(named_path(file, source.resolve()))}
         moved[section] = tables
     return moved
 

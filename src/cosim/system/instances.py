@@ -167,8 +167,9 @@ def _start(  # noqa: PLR0917
     where: str, fmu: Fmu, variable: Variable, given: object, result: dict[str, Value], findings: Findings
 ) -> None:
     if not variable.settable:
+        kind = f"{variable.type} {variable.causality}" if variable.type in ("Binary", "Clock") else variable.causality
         remedy = "Only parameters, inputs and initial states can be set."
-        findings.problem(where, f"a {variable.variability} {variable.causality} cannot be set. {remedy}")
+        findings.problem(where, f"a {variable.variability} {kind} cannot be set. {remedy}")
         return
     given, problem = in_unit_of(fmu, variable, given)
     value = None

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
 from ..fmu.tables import Number, Positive, Seconds, Table, Text, checked
+from ..fmu.text import named_path
 from ..fmu.variables import Variable
 from ..record.derive import derivative_name, derivative_unit, differences, smoothed
 from ..record.description import description_path
@@ -157,7 +158,7 @@ def _source(  # noqa: PLR0917
         findings.problem(f"{where}.sampling_time", f"'{entry.sampling_time}' is no number of seconds.")
         return None
     wanted = None if entry.columns is None else tuple(dict.fromkeys(c.column for c in entry.columns.values()))
-    path = folder / entry.file
+    path = named_path(entry.file, folder)
     seconds = None if sampling_time is None else float(sampling_time)
     record, digest = _read(path, entry.time, entry.time_unit, seconds, wanted)
     found = _columns(where, entry, cast("Mapping[str, Any]", table.get("columns", {})), record, findings)
