@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -100,3 +101,20 @@ class Instance:
     def step(self, time: float, step: float) -> None:
         status = self.step_status(time, step)
         assert status == OK, self.messages
+
+
+def excite(fmu: Instance, k: int) -> None:
+    """Set every input to a smooth function of the step."""
+    fmu.set({name: 1e-3 * math.sin(0.1 * k + i) for i, name in enumerate(fmu.names("input"))})
+
+
+def run(fmu: Instance, first: int, last: int, step: float) -> list[list[float]]:
+    """Outputs, and what they answer to new inputs before the step."""
+    rows: list[list[float]] = []
+    outputs = fmu.names("output")
+    for k in range(first, last):
+        excite(fmu, k)
+        rows.append(fmu.get(outputs))
+        fmu.step(k * step, step)
+        rows.append(fmu.get(outputs))
+    return rows

@@ -208,7 +208,7 @@ run("cosim fit stage_fit.toml --dry-run")
 # The fit
 # -------
 #
-# In a terminal: ``cosim fit stage_fit.toml --output results --base stage.toml --report results/fit.html``. The same in
+# In a terminal: ``cosim fit stage_fit.toml --output results --report results/fit.html``. The same in
 # Python, for the pictures below:
 from cosim.design.fit import fit
 

@@ -466,7 +466,7 @@ activity = { of = "total_variation", signal = "friction.command" }
 """,
 )
 assert 8.0 < 4e5 / activity < 13.0
-run("cosim tune tune.toml --start tuned.toml --base model.toml")
+run("cosim tune tune.toml --start tuned.toml")
 
 # %%
 # How near is that to the edge? All poles times a factor tells, with the command one sample late and without delay:

@@ -206,10 +206,7 @@ highest = { of = "max", signal = "plant.position" }
 effort = { of = "total_variation", signal = "controller.command" }
 """
 )
-run(
-    "cosim tune tune.toml --workers 1 --start tuned.toml"
-    " --base maeda2008/step_1mm.toml"
-)
+run("cosim tune tune.toml --workers 1 --start tuned.toml")
 
 # %%
 # The gains found are a system file, on top of the shipped one:

@@ -106,11 +106,6 @@ def steady_bristle(speed: float, level: float, sigma_0: float) -> float:
     return sign(speed) * level / sigma_0
 
 
-def steady_friction(speed: float, level: float, sigma_2: float) -> float:
-    """Friction of steady sliding at ``speed`` (the Stribeck curve); 0 at standstill."""
-    return sign(speed) * level + sigma_2 * speed
-
-
 def observer_step(z: float, speed: float, level: float, sigma_0: float, T_s: float) -> float:
     """Deflection one sampling time later, ``speed`` held: one step of backward Euler, stable for any ``T_s``.
 

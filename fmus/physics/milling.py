@@ -34,9 +34,8 @@ Martellotti 1941 and Vogler, DeVor & Kapoor, J. Manuf. Sci. Eng. 126 (2004) 695-
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
-from cosim.model import Choice, both, cos, floor, maximum, sin, where
+from cosim.model import Choice, Component, Rule, both, cos, floor, maximum, parameter, sin, where
 
 PI = 3.141592653589793
 TINY = 1e-15
@@ -48,49 +47,6 @@ class Side(Choice):
 
     tool = 1, "Force on the tool"
     table = 2, "Force on the table: the opposite"
-
-
-class Cut(Protocol):
-    """Tool and material: the parameters a component with a cut declares."""
-
-    @property
-    def feed_per_tooth(self) -> float: ...
-
-    @property
-    def axial_depth(self) -> float: ...
-
-    @property
-    def spindle_speed(self) -> float: ...
-
-    @property
-    def run_out(self) -> float: ...
-
-    @property
-    def h_min(self) -> float: ...
-
-    @property
-    def K_t(self) -> float: ...
-
-    @property
-    def K_n(self) -> float: ...
-
-    @property
-    def h_0(self) -> float: ...
-
-    @property
-    def p_t(self) -> float: ...
-
-    @property
-    def p_n(self) -> float: ...
-
-    @property
-    def ploughing_factor(self) -> float: ...
-
-    @property
-    def entry_angle(self) -> float: ...
-
-    @property
-    def exit_angle(self) -> float: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,30 +99,59 @@ def uncut_thickness(advance: float, passage: float, run_out: float, h_min: float
     return where(advance > TINY, maximum(0.0, where(last_cut_by_two, after_two, after_one)), 0.0)
 
 
-def milling_forces(cut: Cut, t: float) -> Forces:
-    """Forces on the tool at the time ``t`` in s since the cut began; 0 before. Tooth 1 enters at t = 0."""
-    revolutions = maximum(0.0, cut.spindle_speed * t)
-    revolution = floor(revolutions)
-    angle = 2.0 * PI * (revolutions - revolution)
-    began = t >= 0.0
-    one = _tooth(cut, angle, 2.0 * revolution + 2.0, began)
-    # Tooth 2 comes half a revolution later: it finds the surface of tooth 1 of this revolution.
-    ahead = angle >= PI
-    two = _tooth(cut, where(ahead, angle - PI, angle + PI), 2.0 * revolution + 3.0, began)
-    return Forces(x=one[0] + two[0], y=one[1] + two[1], uncut_thickness=(one[2], two[2]))
+class Milling(Component):
+    """Base of the components with a cut: tool, material and the forces between them; not used itself."""
 
+    start_time: float = parameter(0.0, "s", "Time at which cutting begins")
+    feed_per_tooth: float = parameter(
+        1e-6, "m", "Feed per tooth, 0 for no cutting", min=0.0, nominal=1e-6, display_unit="um"
+    )
+    axial_depth: float = parameter(50e-6, "m", "Axial depth of cut", min=0.0, nominal=1e-5, display_unit="um")
+    spindle_speed: float = parameter(192.0, "Hz", "Revolutions of the spindle in a second", min=0.0, nominal=100.0)
+    run_out: float = parameter(
+        0.2e-6, "m", "Run-out: tooth 1 outside, tooth 2 inside", min=0.0, nominal=1e-7, display_unit="um"
+    )
+    h_min: float = parameter(
+        0.0, "m", "Minimum chip thickness, ploughing below", min=0.0, nominal=1e-7, display_unit="um"
+    )
+    K_t: float = parameter(3.5e9, "Pa", "Specific tangential force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
+    K_n: float = parameter(2.1e9, "Pa", "Specific normal force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
+    h_0: float = parameter(
+        1e-6, "m", "Chip thickness of the specific forces", min=1e-9, nominal=1e-6, display_unit="um"
+    )
+    p_t: float = parameter(0.25, "1", "Exponent of the size effect, tangential", min=0.0, max=0.9)
+    p_n: float = parameter(0.35, "1", "Exponent of the size effect, normal", min=0.0, max=0.9)
+    ploughing_factor: float = parameter(1.5, "1", "Normal force of ploughing over that of cutting", min=0.0)
+    entry_angle: float = parameter(0.0, "rad", "Angle at which a tooth enters", min=0.0, max=PI, display_unit="deg")
+    exit_angle: float = parameter(PI, "rad", "Angle at which a tooth leaves", min=0.0, max=PI, display_unit="deg")
 
-def _tooth(cut: Cut, angle: float, passage: float, began: bool) -> tuple[float, float, float]:
-    """Force in x and y [N] and chip thickness [m] of one tooth at its ``angle`` of 0 ... 2 pi."""
-    engaged = both(began, both(angle >= cut.entry_angle, angle <= cut.exit_angle))
-    thickness = uncut_thickness(cut.feed_per_tooth * sin(angle), passage, cut.run_out, cut.h_min)
-    h = where(engaged, thickness, 0.0)
-    # Below h_min the specific force has its value at h_min; TINY keeps the power finite without a chip.
-    ratio = maximum(maximum(h, cut.h_min), TINY) / cut.h_0
-    area = cut.axial_depth * h
-    ploughing = where(h < cut.h_min, cut.ploughing_factor, 1.0)
-    tangential = cut.K_t * ratio**-cut.p_t * area
-    normal = ploughing * cut.K_n * ratio**-cut.p_n * area
-    x = -tangential * cos(angle) - normal * sin(angle)
-    y = tangential * sin(angle) - normal * cos(angle)
-    return x, y, h
+    def rules(self) -> tuple[Rule, ...]:
+        return (Rule(self.exit_angle >= self.entry_angle, "exit_angle must not be below entry_angle. Exchange them."),)
+
+    def forces_on_tool(self, t: float) -> Forces:
+        """Forces on the tool at the time ``t`` in s; 0 before ``start_time``, at which tooth 1 enters."""
+        since = t - self.start_time
+        revolutions = maximum(0.0, self.spindle_speed * since)
+        revolution = floor(revolutions)
+        angle = 2.0 * PI * (revolutions - revolution)
+        began = since >= 0.0
+        one = self._tooth(angle, 2.0 * revolution + 2.0, began)
+        # Tooth 2 comes half a revolution later: it finds the surface of tooth 1 of this revolution.
+        ahead = angle >= PI
+        two = self._tooth(where(ahead, angle - PI, angle + PI), 2.0 * revolution + 3.0, began)
+        return Forces(x=one[0] + two[0], y=one[1] + two[1], uncut_thickness=(one[2], two[2]))
+
+    def _tooth(self, angle: float, passage: float, began: bool) -> tuple[float, float, float]:
+        """Force in x and y [N] and chip thickness [m] of one tooth at its ``angle`` of 0 ... 2 pi."""
+        engaged = both(began, both(angle >= self.entry_angle, angle <= self.exit_angle))
+        thickness = uncut_thickness(self.feed_per_tooth * sin(angle), passage, self.run_out, self.h_min)
+        h = where(engaged, thickness, 0.0)
+        # Below h_min the specific force has its value at h_min; TINY keeps the power finite without a chip.
+        ratio = maximum(maximum(h, self.h_min), TINY) / self.h_0
+        area = self.axial_depth * h
+        ploughing = where(h < self.h_min, self.ploughing_factor, 1.0)
+        tangential = self.K_t * ratio**-self.p_t * area
+        normal = ploughing * self.K_n * ratio**-self.p_n * area
+        x = -tangential * cos(angle) - normal * sin(angle)
+        y = tangential * sin(angle) - normal * cos(angle)
+        return x, y, h

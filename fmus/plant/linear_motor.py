@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from cosim.model import Experiment, Plant, Record, Rule, parameter, round_to, variable
-from fmus.physics.milling import PI, Side, milling_forces
+from cosim.model import Experiment, Plant, Record, parameter, round_to, variable
+from fmus.physics.milling import Milling, Side
 from fmus.physics.sampling import saturate
 
 
-class LinearMotor(Plant):
+class LinearMotor(Milling, Plant):
     """Linear motor axis: ideal current amplifier, moving mass on viscous guides, micro-milling force along the axis.
 
         current       = k_t*command, limited to force_max/K_a
@@ -42,28 +42,9 @@ class LinearMotor(Plant):
         0.0, "m", "Resolution of position, 0 for none", min=0.0, nominal=1e-9, display_unit="nm"
     )
     side: Side = parameter(Side.tool, "1", "Body that the axis carries")
-    start_time: float = parameter(0.0, "s", "Time at which cutting begins")
     feed_per_tooth: float = parameter(
         0.0, "m", "Feed per tooth, 0 for no cutting", min=0.0, nominal=1e-6, display_unit="um"
     )
-    axial_depth: float = parameter(50e-6, "m", "Axial depth of cut", min=0.0, nominal=1e-5, display_unit="um")
-    spindle_speed: float = parameter(192.0, "Hz", "Revolutions of the spindle in a second", min=0.0, nominal=100.0)
-    run_out: float = parameter(
-        0.2e-6, "m", "Run-out: tooth 1 outside, tooth 2 inside", min=0.0, nominal=1e-7, display_unit="um"
-    )
-    h_min: float = parameter(
-        0.0, "m", "Minimum chip thickness, ploughing below", min=0.0, nominal=1e-7, display_unit="um"
-    )
-    K_t: float = parameter(3.5e9, "Pa", "Specific tangential force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
-    K_n: float = parameter(2.1e9, "Pa", "Specific normal force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
-    h_0: float = parameter(
-        1e-6, "m", "Chip thickness of the specific forces", min=1e-9, nominal=1e-6, display_unit="um"
-    )
-    p_t: float = parameter(0.25, "1", "Exponent of the size effect, tangential", min=0.0, max=0.9)
-    p_n: float = parameter(0.35, "1", "Exponent of the size effect, normal", min=0.0, max=0.9)
-    ploughing_factor: float = parameter(1.5, "1", "Normal force of ploughing over that of cutting", min=0.0)
-    entry_angle: float = parameter(0.0, "rad", "Angle at which a tooth enters", min=0.0, max=PI, display_unit="deg")
-    exit_angle: float = parameter(PI, "rad", "Angle at which a tooth leaves", min=0.0, max=PI, display_unit="deg")
 
     class State(Record):
         position: float = variable(0.0, "m", "Position of the table", nominal=1e-6, display_unit="um")
@@ -81,9 +62,6 @@ class LinearMotor(Plant):
         cutting_force: float = variable(0.0, "N", "Cutting force along the axis", nominal=0.1)
 
     experiment: ClassVar[Experiment] = Experiment(stop_time=20.0, step_size=1e-4)
-
-    def rules(self) -> tuple[Rule, ...]:
-        return (Rule(self.exit_angle >= self.entry_angle, "exit_angle must not be below entry_angle. Exchange them."),)
 
     def initial(self) -> State:
         return self.State(position=self.position_start, velocity=self.velocity_start)
@@ -115,5 +93,5 @@ class LinearMotor(Plant):
 
     def cutting_force(self, t: float) -> float:
         """Cutting force along the axis [N]."""
-        force = milling_forces(self, t - self.start_time).x
+        force = self.forces_on_tool(t).x
         return force if self.side is Side.tool else -force

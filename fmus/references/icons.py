@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
 from PIL import Image
 
-DARK, STEEL, PALE, ORANGE, GREEN, WHITE = "#16324F", "#5B7C99", "#DCE6EF", "#D55E00", "#009E73", "#FFFFFF"
+DARK, STEEL, PALE, ORANGE, WHITE = "#16324F", "#5B7C99", "#DCE6EF", "#D55E00", "#FFFFFF"
 SIZE = 256
 """Width and height of an icon in pixels; drawings use coordinates 0 ... 100."""
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from cosim.model import Experiment, Record, Rule, Source, parameter, variable
-from fmus.physics.milling import PI, Side, milling_forces
+from cosim.model import Experiment, Record, Source, parameter, variable
+from fmus.physics.milling import Milling, Side
 
 
-class MillingForce(Source):
+class MillingForce(Milling, Source):
     """Cutting force of a two-flute end mill with run-out, size effect and ploughing, from start_time on.
 
         h = max(0, n*a + own offset - last offset),   a = feed_per_tooth*sin(phi)
@@ -30,28 +30,6 @@ class MillingForce(Source):
     """
 
     side: Side = parameter(Side.tool, "1", "Body on which the forces are given")
-    start_time: float = parameter(0.0, "s", "Time at which cutting begins")
-    feed_per_tooth: float = parameter(
-        1e-6, "m", "Feed per tooth, 0 for no cutting", min=0.0, nominal=1e-6, display_unit="um"
-    )
-    axial_depth: float = parameter(50e-6, "m", "Axial depth of cut", min=0.0, nominal=1e-5, display_unit="um")
-    spindle_speed: float = parameter(192.0, "Hz", "Revolutions of the spindle in a second", min=0.0, nominal=100.0)
-    run_out: float = parameter(
-        0.2e-6, "m", "Run-out: tooth 1 outside, tooth 2 inside", min=0.0, nominal=1e-7, display_unit="um"
-    )
-    h_min: float = parameter(
-        0.0, "m", "Minimum chip thickness, ploughing below", min=0.0, nominal=1e-7, display_unit="um"
-    )
-    K_t: float = parameter(3.5e9, "Pa", "Specific tangential force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
-    K_n: float = parameter(2.1e9, "Pa", "Specific normal force at h_0", min=0.0, nominal=1e9, display_unit="MPa")
-    h_0: float = parameter(
-        1e-6, "m", "Chip thickness of the specific forces", min=1e-9, nominal=1e-6, display_unit="um"
-    )
-    p_t: float = parameter(0.25, "1", "Exponent of the size effect, tangential", min=0.0, max=0.9)
-    p_n: float = parameter(0.35, "1", "Exponent of the size effect, normal", min=0.0, max=0.9)
-    ploughing_factor: float = parameter(1.5, "1", "Normal force of ploughing over that of cutting", min=0.0)
-    entry_angle: float = parameter(0.0, "rad", "Angle at which a tooth enters", min=0.0, max=PI, display_unit="deg")
-    exit_angle: float = parameter(PI, "rad", "Angle at which a tooth leaves", min=0.0, max=PI, display_unit="deg")
 
     class Output(Record):
         force_x: float = variable(0.0, "N", "Force in the feed direction", nominal=0.1)
@@ -62,11 +40,8 @@ class MillingForce(Source):
 
     experiment: ClassVar[Experiment] = Experiment(stop_time=0.1, step_size=1e-5)
 
-    def rules(self) -> tuple[Rule, ...]:
-        return (Rule(self.exit_angle >= self.entry_angle, "exit_angle must not be below entry_angle. Exchange them."),)
-
     def output(self, t: float) -> Output:
-        on_tool = milling_forces(self, t - self.start_time)
+        on_tool = self.forces_on_tool(t)
         sense = 1.0 if self.side is Side.tool else -1.0
         return self.Output(
             force_x=sense * on_tool.x, force_y=sense * on_tool.y, uncut_thickness=on_tool.uncut_thickness

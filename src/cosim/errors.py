@@ -6,8 +6,10 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
+MOST_SHOWN = 200
+"""Largest number of characters of a value in a message."""
 MOST_LISTED = 12
-"""Known names that still fit into a message."""
+"""Largest number of known names that a message lists: about two lines."""
 MOST_MEANT = 3
 """Names that may be meant by a word; with more the word says too little."""
 
@@ -37,6 +39,11 @@ class SimulationError(CosimError):
 
 class FileError(CosimError):
     """A file or folder cannot be written. Exit code 1. An older file of the same name is unchanged."""
+
+
+def clipped(text: str) -> str:
+    """``text`` for a message; of a long text only the beginning."""
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]} ..."
 
 
 def suggest(name: str, known: Iterable[str], meanings: Mapping[str, str] | None = None) -> str:

@@ -223,6 +223,11 @@ def runs() -> dict[str, Run]:
 # What claims measure beyond single figures
 
 
+def reduction(outcomes: Outcomes, run: str, plain: str, figure: str) -> float:
+    """How much smaller a figure is in ``run`` than in ``plain``, %."""
+    return 100.0 * (1.0 - outcomes.number(run, figure) / outcomes.number(plain, figure))
+
+
 def reductions(
     axis: str, cases: Iterable[object], names: Iterable[str], variant: str = ""
 ) -> Callable[[Outcomes], Numbers]:
@@ -231,12 +236,7 @@ def reductions(
     def measured(outcomes: Outcomes) -> Numbers:
         return {
             name: min(
-                100.0
-                * (
-                    1.0
-                    - outcomes.number(f"{variant}pulse_{case}", f"{axis}.{name}")
-                    / outcomes.number(f"{variant}plain_{case}", f"{axis}.{name}")
-                )
+                reduction(outcomes, f"{variant}pulse_{case}", f"{variant}plain_{case}", f"{axis}.{name}")
                 for case in cases
             )
             for name in names
@@ -275,12 +275,7 @@ def learned_numbers(axis: str, name: str, factor: float, at: Iterable[float] = (
 def kept_reduction(outcomes: Outcomes) -> Numbers:
     return {
         sign: min(
-            100.0
-            * (
-                1.0
-                - outcomes.number(f"{friction}_old_{feed}", f"{axis}.rms")
-                / outcomes.number(f"{friction}_plain_{feed}", f"{axis}.rms")
-            )
+            reduction(outcomes, f"{friction}_old_{feed}", f"{friction}_plain_{feed}", f"{axis}.rms")
             for feed in FEEDS
             for axis in "xy"
         )
@@ -296,8 +291,7 @@ def least_reduction(outcomes: Outcomes) -> Numbers:
 def without_feedforward(outcomes: Outcomes) -> Numbers:
     """The reduction of rms by pulses without feed-forward, %."""
     plain, pulse = "no_feedforward", "no_feedforward_pulse"
-    rms = {run: {axis: outcomes.number(run, f"{axis}.rms") for axis in "xy"} for run in (plain, pulse)}
-    return {axis.upper(): 100.0 * (1.0 - rms[pulse][axis] / rms[plain][axis]) for axis in "xy"}
+    return {axis.upper(): reduction(outcomes, pulse, plain, f"{axis}.rms") for axis in "xy"}
 
 
 AT = (2e-3, 10e-3, 40e-3, 120e-3)

@@ -31,8 +31,7 @@ STEPS = {
 }
 T_S = 2e-4  # s
 GAIN = 505.0 * 32.3e-3  # alpha*K, m/(A.s2)
-K_PU = 2400.0  # A.s/m, the paper's ultimate gain
-K_P = 960.0  # A.s/m, 40 % of it
+K_P = 960.0  # A.s/m, 40 % of the paper's ultimate gain of 2400
 COMPENSATORS = {"A": 0.1, "B": 0.175, "C": 0.25}
 """omega_n*T_s of the compensators. The paper gives them in fig. 10, which is lost, so they are chosen: see the text."""
 WARM = {"plant.F_C": 0.87 * 0.046, "plant.F_S": 0.87 * 0.046, "plant.sigma_2": 0.76 * 9.7e-4}

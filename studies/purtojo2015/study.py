@@ -21,7 +21,6 @@ GRID = {"controller.defuzzification": "grid", "controller.grid_points": 101}
 POINTS = ((0.1, 0.0), (10.0, 0.0), (56.72, 0.0), (0.05, -1.0))
 """Inputs of the fuzzy rules at which the command is measured: u_p in mm/s, u_i in mm."""
 MM = 1e3
-RESPONSE = measures.step_response(shares={"settling": 0.02})
 
 
 # Runs

@@ -119,10 +119,11 @@ def test_tune(call: Any, tmp_path: Path) -> None:
         '[parameters]\n"controller.K_P" = { from = 200.0, to = 900.0 }\n[experiment]\nstop_time = 0.05\n',
         encoding="utf-8",
     )
-    found = call("tune", file, "--start", tmp_path / "start.toml", "--base", "gain.toml")
+    found = call("tune", file, "--start", tmp_path / "start.toml")
     assert found["feasible"]
     assert 200.0 <= found["parameters"]["controller.K_P"] <= 900.0
     assert "K_P" in (tmp_path / "start.toml").read_text(encoding="utf-8")
+    assert 'base = "maeda2008/gain"' in (tmp_path / "start.toml").read_text(encoding="utf-8")
 
 
 def test_linearize(call: Any, native: Path, tmp_path: Path) -> None:
@@ -162,9 +163,50 @@ def test_linearize_prints_equations_poles_and_margins(native: Path, capsys: pyte
         (["linearize", "x.toml", "--at", "now"], "give seconds"),
         (["identify", "nct", "x.csv", "--zeta", "1"], "go together"),
         (["learn", "friction-pulse", "x.toml", "--set", "a.b"], "INSTANCE.VARIABLE=VALUE"),
+        (["stability", "linear", "--alpha", "505", "--T-s", "2e-4", "--W", "0.1", "3.2"], "omega_n*T_s below pi"),
+        (["stability", "practical", "maeda2008/step", "--first", "400", "--last", "300"], "gains from 400 to 300"),
+        (["stability", "practical", "maeda2008/step", "--first", "5e-324"], "gains from 4.94066e-324"),
     ],
 )
 def test_what_is_wrong_is_said(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2
     assert text in capsys.readouterr().err
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option", "rule"),
+    [
+        (["stability", "linear", "--T-s", "1"], "--alpha", "must be a finite number above 0"),
+        (["stability", "practical", "x.toml"], "--first", "must be a finite number above 0"),
+        (["identify", "nct", "x.csv"], "--zeta", "must be a finite number above 0"),
+        (["tune", "x.toml"], "--workers", "must be a whole number of at least 1"),
+        (["study", "x"], "--jobs", "must be a whole number of at least 1"),
+    ],
+)
+@pytest.mark.parametrize("value", ["nan", "inf", "-1", "0", "", "x"])
+def test_numbers_that_nothing_can_have(
+    arguments: list[str], option: str, rule: str, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([*arguments, f"{option}={value}"])
+    assert end.value.code == 2
+    assert f"argument {option}: {rule}, not '{value}'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (["tune", "x.toml"], "--start"),
+        (["identify", "nct", "x.csv"], "--start"),
+        (["identify", "nct", "x.csv"], "--output"),
+        (["learn", "friction-pulse", "x.toml"], "--output"),
+        (["study", "shams2010"], "--output"),
+    ],
+)
+def test_files_that_cannot_be_written_are_known_before_the_work(
+    arguments: list[str], option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert main([*arguments, option, str(tmp_path / "file" / "a.toml")]) == 2
+    assert "a part of the path is a file" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,10 @@ from faults import Faults
 from fmu_files import PROBE, probe_library, write_fmu
 
 from cosim.commands import cli
+from cosim.commands.console import Bar
+from cosim.design import tune
 from cosim.design.dataset import DataSet
+from cosim.errors import FileError
 
 SYSTEM = """
 [experiment]
@@ -28,6 +32,16 @@ system = "system.toml"
 [metrics]
 last = { of = "rms", signal = "a.y" }
 """
+TUNING = """
+system = "system.toml"
+objective = "last"
+generations = 1
+population = 2
+[parameters]
+"a.gain" = { from = 0.1, to = 0.4 }
+[metrics]
+last = { of = "rms", signal = "a.y" }
+"""
 OLDER = "the older file"
 Capture = pytest.CaptureFixture[str]
 
@@ -37,6 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_fmu(tmp_path / "a.fmu", PROBE, binary=probe_library().read_bytes())
     (tmp_path / "system.toml").write_text(SYSTEM, encoding="utf-8")
     (tmp_path / "sweep.toml").write_text(SWEEP, encoding="utf-8")
+    (tmp_path / "tuning.toml").write_text(TUNING, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -95,3 +110,27 @@ def test_a_sweep(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture,
         # The same command without faults goes on where it was.
         assert command(place) == 0, n
         assert DataSet(folder / place).read().to_pydict()["run"] == [0, 1, 2, 3], n
+
+
+def test_a_result_is_shown_though_its_file_cannot_be_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    def full(*arguments: object, **keywords: object) -> None:
+        raise FileError("start.toml: cannot be written: no space is left on the disk.")
+
+    monkeypatch.setattr(tune, "write_start", full)
+    assert cli.main(["tune", "tuning.toml", "--start", "start.toml"]) == 1
+    shown = capsys.readouterr()
+    assert "a.gain" in shown.out
+    assert "error: start.toml: cannot be written" in shown.err
+
+
+def test_an_interrupted_tuning_tells_the_best_so_far(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    def interrupt(bar: Bar, done: float, total: float | None, note: str = "") -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Bar, "update", interrupt)
+    assert cli.main(["tune", "tuning.toml"]) == 130
+    assert re.search(r"interrupted after \d+ runs\. The best so far: a\.gain = 0\.[1-4]", capsys.readouterr().err)

@@ -233,6 +233,34 @@ def test_records_come_in_their_own_units(record: Write, fitted: Fit) -> None:
     assert fitted().values == pytest.approx(wanted, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("told", "text"),
+    [
+        (
+            ("s,um,V", {"factor": 1e-6}),
+            "converted from um to m, and then multiplied by factor = 1e-06. If the factor is",
+        ),
+        (
+            ("s,um,V", {"unit": "um", "factor": -1e-6}),
+            "converted from um to m, and then multiplied by factor = -1e-06.",
+        ),
+        (("s,,V", {}), 'nothing says its unit: taken as m. Say it: unit = "m".'),
+        (("s,um,V", {"factor": 1.02}), ""),
+        (("s,V,V", {"factor": 1e-6}), ""),
+        (("s,,V", {"unit": "um"}), ""),
+    ],
+)
+def test_units_that_count_twice_or_are_missing_are_noted(
+    record: Write, folder: Path, native: Path, told: tuple[str, dict[str, Any]], text: str
+) -> None:
+    units, output = told
+    record("first.csv", units=units)
+    outputs = {"position": {**POSITION, **output}, "command": COMMAND}
+    notes = [n for n in make_fit(problem(outputs=outputs), folder=folder, fmus=native).notes if "column x" in n]
+    assert len(notes) == bool(text)
+    assert all(text in note for note in notes)
+
+
 def test_the_run_begins_with_the_first_sample_of_a_record_that_drives_it(
     record: Write, fitted: Fit, folder: Path, clean: Mapping[str, np.ndarray]
 ) -> None:
@@ -306,6 +334,8 @@ def test_every_problem_is_told_at_once(record: Write, folder: Path, native: Path
         ({"records": {"first": {"file": "first.csv", "use": "validate"}}}, "Leave one to be fitted"),
         ({"records": {"first": {"file": "none.csv"}}}, "none.csv"),
         ({"records": {"first": {"file": "first.csv", "window": [0.4, 0.41]}}}, "At least 20 are needed"),
+        ({"records": {"first": {"file": "first.csv", "window": [90.0, 99.0]}}}, "0 samples from 90 s"),
+        ({"outputs": {"position": {**POSITION, "delay": 1e9}}}, "At least 20 are needed"),
         ({"parameters": {"plant.m": {"from": 2.0, "to": 1.0}}}, "must rise"),
         ({"outputs": {"position": {**POSITION, "delay": {"from": 0.0}}}}, "upper end"),
         ({"loss": "l1"}, "loss"),
@@ -328,13 +358,12 @@ def test_the_command_writes_values_that_a_system_takes(
     write_toml(folder / "fit.toml", problem())
     out = folder / "out"
     page = out / "fit.html"
-    arguments = ["fit", str(folder / "fit.toml"), "--output", str(out), "--report", str(page), "--base", "loop.toml"]
+    arguments = ["fit", str(folder / "fit.toml"), "--output", str(out), "--report", str(page)]
     assert main([*arguments, "--fmus", str(native), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["parameters"]["plant.m"]["value"] == pytest.approx(60.0, rel=0.01)
     assert json.loads((out / "fit.json").read_text())["parameters"] == told["parameters"]
-    (folder / "start.toml").write_text((out / "start.toml").read_text())
-    start = dict(read_system(folder / "start.toml", fmus=native).instance("plant").start)
+    start = dict(read_system(out / "start.toml", fmus=native).instance("plant").start)
     assert start["F_C"] == pytest.approx(told["parameters"]["plant.F_C"]["value"], rel=1e-9)
     assert "Records against the system" in page.read_text()
 

@@ -17,7 +17,7 @@ import pytest
 from conftest import ROOT, WORKSPACE
 from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
-from instances import DISCARD, ERROR, OK, Instance
+from instances import DISCARD, ERROR, OK, Instance, excite, run
 
 from cosim.export.package import build_python
 from cosim.export.python.python_package import resources
@@ -28,23 +28,6 @@ from cosim.system.system import read_system
 COMPONENTS = sorted(WORKSPACE.components())
 PLANTS = ("BallscrewStage", "CompliantBallscrew", "LinearMotor", "NominalStage")
 PLANT = "LinearMotor"
-
-
-def excite(fmu: Instance, k: int) -> None:
-    """Set every input to a smooth function of the step."""
-    fmu.set({name: 1e-3 * math.sin(0.1 * k + i) for i, name in enumerate(fmu.names("input"))})
-
-
-def run(fmu: Instance, first: int, last: int, step: float) -> list[list[float]]:
-    """Outputs, and what they answer to new inputs before the step."""
-    rows: list[list[float]] = []
-    outputs = fmu.names("output")
-    for k in range(first, last):
-        excite(fmu, k)
-        rows.append(fmu.get(outputs))
-        fmu.step(k * step, step)
-        rows.append(fmu.get(outputs))
-    return rows
 
 
 def edited(source: Path, target: Path, old: str, new: str) -> Path:
@@ -218,45 +201,6 @@ def test_references_of_the_entry_module_stay_balanced(python: Path) -> None:
     assert modules
     for module in modules:
         assert sys.getrefcount(vars(module)) - 1 >= len(gc.get_referrers(vars(module)))
-
-
-# ---- FMU state ----
-
-
-@pytest.mark.parametrize("name", COMPONENTS)
-def test_state_copied_in_mid_run_resumes_bitwise(python: Path, name: str) -> None:
-    step = WORKSPACE.component(name).experiment.step_size
-    with Instance(python / f"{name}.fmu") as fmu, Instance(python / f"{name}.fmu", "other") as other:
-        fmu.initialize()
-        run(fmu, 0, 5, step)
-        saved = fmu.fmu.getFMUstate()
-        serial = fmu.fmu.serializeFMUstate(saved)
-        expected = run(fmu, 5, 10, step)
-        fmu.fmu.setFMUstate(saved)
-        assert run(fmu, 5, 10, step) == expected
-        other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(serial))
-        assert run(other, 5, 10, step) == expected
-        assert fmu.status("FreeFMUstate", ctypes.byref(saved)) == OK
-        assert not saved.value
-
-
-@pytest.mark.parametrize("bytes_of", ["another FMU", "noise"])
-def test_foreign_state_is_refused(python: Path, bytes_of: str) -> None:
-    with Instance(python / "PPi.fmu") as one, Instance(python / f"{PLANT}.fmu") as other:
-        serial = one.fmu.serializeFMUstate(one.fmu.getFMUstate()) if bytes_of == "another FMU" else b"x" * 100
-        target = ctypes.c_void_p()
-        status = other.status("DeSerializeFMUstate", serial, ctypes.c_size_t(len(serial)), ctypes.byref(target))
-        assert status == ERROR
-        assert "no state of this FMU" in other.messages[-1]
-
-
-def test_reset_is_a_fresh_instance_bitwise(python: Path) -> None:
-    with Instance(python / "SuperTwisting.fmu") as fmu:
-        fmu.initialize()
-        expected = run(fmu, 0, 10, 1e-4)
-        fmu.fmu.reset()
-        fmu.initialize()
-        assert run(fmu, 0, 10, 1e-4) == expected
 
 
 # ---- refusals ----

@@ -1,4 +1,4 @@
-"""The native runtime as an importer meets it: life cycle, refusals, FMU state, sampling, any communication step."""
+"""The runtime as an importer meets it: life cycle, refusals, FMU state, sampling, any communication step."""
 
 from __future__ import annotations
 
@@ -13,69 +13,62 @@ from typing import Any
 
 import pytest
 from conftest import WORKSPACE
-from instances import DISCARD, ERROR, OK, Instance
+from instances import DISCARD, ERROR, OK, Instance, excite, run
 
 COMPONENTS = sorted(WORKSPACE.components())
 NAN, INF = math.nan, math.inf
 PLANT, CONTROLLER = "BallscrewStage", "FuzzySlidingMode"
 
 
-def excite(fmu: Instance, k: int) -> None:
-    """Set every input to a smooth function of the step."""
-    fmu.set({name: 1e-3 * math.sin(0.1 * k + i) for i, name in enumerate(fmu.names("input"))})
-
-
-def run(fmu: Instance, first: int, last: int, step: float) -> list[list[float]]:
-    rows: list[list[float]] = []
-    outputs = fmu.names("output")
-    for k in range(first, last):
-        excite(fmu, k)
-        fmu.step(k * step, step)
-        rows.append(fmu.get(outputs))
-    return rows
-
-
 # ---- FMU state ----
 
 
+@pytest.fixture(params=["native", "python"])
+def fmus(request: pytest.FixtureRequest) -> Path:
+    """The folder of the FMUs of each flavour."""
+    return request.getfixturevalue(request.param)
+
+
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_state_copied_in_mid_run_resumes_bitwise(native: Path, name: str) -> None:
+def test_state_copied_in_mid_run_resumes_bitwise(fmus: Path, name: str) -> None:
     step = WORKSPACE.component(name).experiment.step_size
-    with Instance(native / f"{name}.fmu") as fmu, Instance(native / f"{name}.fmu", "other") as other:
+    half = 50 if fmus.name == "native" else 5
+    with Instance(fmus / f"{name}.fmu") as fmu, Instance(fmus / f"{name}.fmu", "other") as other:
         fmu.initialize()
-        run(fmu, 0, 50, step)
+        run(fmu, 0, half, step)
         saved = fmu.fmu.getFMUstate()
         serial = fmu.fmu.serializeFMUstate(saved)
-        expected = run(fmu, 50, 100, step)
+        expected = run(fmu, half, 2 * half, step)
         fmu.fmu.setFMUstate(saved)
-        assert run(fmu, 50, 100, step) == expected
+        assert run(fmu, half, 2 * half, step) == expected
         other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(serial))
-        assert run(other, 50, 100, step) == expected
-        fmu.fmu.freeFMUstate(saved)
+        assert run(other, half, 2 * half, step) == expected
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_reset_is_a_fresh_instance_bitwise(native: Path, name: str) -> None:
+def test_reset_is_a_fresh_instance_bitwise(fmus: Path, name: str) -> None:
     step = WORKSPACE.component(name).experiment.step_size
-    with Instance(native / f"{name}.fmu") as fmu:
+    steps = 50 if fmus.name == "native" else 5
+    with Instance(fmus / f"{name}.fmu") as fmu:
         fmu.initialize()
-        expected = run(fmu, 0, 50, step)
+        expected = run(fmu, 0, steps, step)
         fmu.fmu.reset()
         fmu.initialize()
-        assert run(fmu, 0, 50, step) == expected
+        assert run(fmu, 0, steps, step) == expected
 
 
-def test_state_of_another_fmu_is_refused(native: Path) -> None:
-    with Instance(native / "PPi.fmu") as one, Instance(native / f"{PLANT}.fmu") as other:
-        serial = one.fmu.serializeFMUstate(one.fmu.getFMUstate())
+@pytest.mark.parametrize("bytes_of", ["another FMU", "noise"])
+def test_foreign_state_is_refused(fmus: Path, bytes_of: str) -> None:
+    with Instance(fmus / "PPi.fmu") as one, Instance(fmus / f"{PLANT}.fmu") as other:
+        serial = one.fmu.serializeFMUstate(one.fmu.getFMUstate()) if bytes_of == "another FMU" else b"x" * 100
         target = ctypes.c_void_p()
         status = other.status("DeSerializeFMUstate", serial, ctypes.c_size_t(len(serial)), ctypes.byref(target))
         assert status == ERROR
         assert "no state of this FMU" in other.messages[-1]
 
 
-def test_freed_state_becomes_null_and_null_may_be_freed(native: Path) -> None:
-    with Instance(native / "PPi.fmu") as fmu:
+def test_freed_state_becomes_null_and_null_may_be_freed(fmus: Path) -> None:
+    with Instance(fmus / "PPi.fmu") as fmu:
         saved = fmu.fmu.getFMUstate()
         assert fmu.status("FreeFMUstate", ctypes.byref(saved)) == OK
         assert not saved.value

@@ -28,7 +28,7 @@ from fmus.plant.ballscrew_stage_maxwell_slip import BallscrewStageMaxwellSlip
 from fmus.references.maxwell_slip import Located
 
 ELASTIC, SLIP = BallscrewStageElastoPlastic(), BallscrewStageMaxwellSlip()
-SIGMA_0, F_C, F_S, J = 1e5, 6.24, 9.36, 3.70210163696e-4
+SIGMA_0, F_C, F_S = 1e5, 6.24, 9.36
 L_P = ELASTIC.l_p
 
 speeds = st.floats(-60.0, 60.0)

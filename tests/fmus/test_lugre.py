@@ -19,7 +19,6 @@ from fmus.physics.lugre import (
     friction_level,
     observer_step,
     steady_bristle,
-    steady_friction,
 )
 
 SIGMA_0, SIGMA_1, SIGMA_2 = 1e5, math.sqrt(1e5), 0.4
@@ -53,7 +52,7 @@ def test_steady_friction_is_the_stribeck_curve(speed: float, published: float, d
     # The published values have four to six digits.
     assert torque(z, v) == pytest.approx(direction * published, rel=6e-5)
     # What is left of the bristle's motion counts sigma_1*speed/level times.
-    assert steady_friction(v, level(v), SIGMA_2) == pytest.approx(torque(z, v), rel=1e-6)
+    assert direction * level(v) + SIGMA_2 * v == pytest.approx(torque(z, v), rel=1e-6)
     assert steady_bristle(v, level(v), SIGMA_0) == pytest.approx(z, rel=1e-8)
 
 

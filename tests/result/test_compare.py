@@ -57,7 +57,7 @@ def test_a_reference_that_does_not_vary_has_no_fit() -> None:
     found = compare(run(np.ones_like(TIME)), run())
     assert math.isnan(found["p.position"].fit)
     rows = {row.name: row for row in comparison_rows(found)}
-    assert rows["p.position: fit (NRMSE)"].reason == "a does not vary"
+    assert rows["p.position: fit (NRMSE)"].reason == "stage.toml (1) does not vary"
 
 
 def test_spectrum_of_white_noise_integrates_to_its_variance() -> None:
@@ -86,7 +86,7 @@ def test_a_sample_that_is_not_finite_has_no_figure_and_is_outside() -> None:
 def test_units_are_converted_and_said() -> None:
     found = compare(run(), record(TIME, {"x": 1e3 * SINE}, x="mm"), {"p.position": "x"})
     assert found["p.position"].maximum < 1e-17
-    assert "b: x is converted from mm to m." in found.notes
+    assert "log.csv: x is converted from mm to m." in found.notes
 
 
 def test_temperatures_are_converted_with_their_zero() -> None:
@@ -97,14 +97,14 @@ def test_temperatures_are_converted_with_their_zero() -> None:
 def test_a_unit_that_is_not_said_is_taken_from_the_other_side_and_said() -> None:
     found = compare(run(), record(TIME, {"x": SINE}), {"p.position": "x"})
     assert found["p.position"].unit == "m"
-    assert "b: x says no unit: taken as m." in found.notes
+    assert "log.csv: x says no unit: taken as m." in found.notes
 
 
 def test_units_of_different_kinds_are_refused_together_with_names_that_are_missing() -> None:
     with pytest.raises(DescriptionError) as caught:
         compare(run(), record(TIME, {"x": SINE}, x="N"), {"p.position": "x", "p.positon": "x"})
     assert len(caught.value.problems) == 2
-    assert "a: p.position in m and b: x in N are of different kinds" in caught.value.problems[0]
+    assert "stage.toml: p.position in m and log.csv: x in N are of different kinds" in caught.value.problems[0]
     assert "Did you mean 'p.position'?" in caught.value.problems[1]
 
 
@@ -119,11 +119,11 @@ def test_without_common_names_the_mapping_is_asked_for() -> None:
 def test_the_coarser_side_keeps_its_samples() -> None:
     coarse = TIME[::10]
     line = 2.0 * TIME
-    found = compare(run(line), run(2.0 * coarse, time=coarse))
+    found = compare(run(line), run(2.0 * coarse, time=coarse), labels=("a", "b"))
     assert found["p.position"].time.tolist() == coarse.tolist()
     assert found["p.position"].maximum < 1e-14
     assert found.how == "a (every 0.001 s) interpolated linearly at the 1001 times of b, 0 s to 10 s"
-    other = compare(run(2.0 * coarse, time=coarse), run(line))
+    other = compare(run(2.0 * coarse, time=coarse), run(line), labels=("a", "b"))
     assert other.how == "b (every 0.001 s) interpolated linearly at the 1001 times of a, 0 s to 10 s"
 
 
@@ -181,7 +181,7 @@ def test_delay_beyond_the_common_time_is_found_when_it_is_asked_for() -> None:
     found = compare(run(chirp), run(chirp, time=TIME + 1000.0004), delay="estimate")
     assert found.delay == pytest.approx(1000.0004, abs=1e-6)
     assert found["p.position"].rms < 1e-5
-    assert "b is moved back by 1000 s before it is compared." in found.notes
+    assert "stage.toml (2) is moved back by 1000 s before it is compared." in found.notes
 
 
 def test_two_rests_that_meet_are_no_fit() -> None:

@@ -13,6 +13,7 @@ from recordings import result, stage
 
 import cosim
 from cosim.errors import DescriptionError
+from cosim.record.description import Column
 from cosim.record.read import Record
 from cosim.result.picture import Picture, plot, source_labels
 from cosim.result.plots import Panel
@@ -97,6 +98,36 @@ def test_what_cannot_be_drawn_is_told() -> None:
         plot([stage(), stage()], labels=["one"])
 
 
+def test_what_a_session_shows_is_one_line() -> None:
+    assert repr(stage()) == (
+        "<Result of stage.toml: 1001 samples from 0 s to 1 s: t.position [m], p.position [m], c.command [N.m]>"
+    )
+    assert repr(log(unit="mm")).startswith("<Record log.csv: ")
+    assert "x [mm]" in repr(log(unit="mm"))
+    found = cosim.compare(log(), stage(), {"x": "p.position"})
+    assert repr(found).startswith("<Comparison of stage.toml with log.csv: x: rms ")
+    assert repr(found["x"]).startswith("<Difference of p.position from x: largest ")
+    many = replace(stage(), columns=tuple(Column(f"p.x{i}", "1", "", "1") for i in range(12)))
+    assert repr(many).endswith("p.x6, 5 more>")
+
+
+def test_a_record_is_read_as_a_result_is() -> None:
+    record = log(unit="mm")
+    assert record["x"] is record.columns["x"]
+    frame = record.to_dataframe(units=True)
+    assert list(frame.columns) == ["x [mm]"]
+    assert frame["x [mm]"].to_numpy() == pytest.approx(record["x"])
+    with pytest.raises(DescriptionError, match=r"no column 'y'"):
+        record["y"]
+
+
+def test_a_result_has_the_figures_of_its_run() -> None:
+    figures = {figure.name: figure for figure in stage().figures(start=0.5)}
+    expected = float(np.max(np.abs((stage()["p.position"] - stage()["t.position"])[stage().time >= 0.5])))
+    assert figures["Position error, maximum from 0.5 s"].value == pytest.approx(1e6 * expected)
+    assert figures["Position error, maximum from 0.5 s"].unit == "um"
+
+
 def test_labels_differ() -> None:
     assert source_labels([stage(), stage(), log()]) == ["stage.toml (1)", "stage.toml (2)", "log.csv"]
 
@@ -129,6 +160,6 @@ def test_missing_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> Any:
         raise ModuleNotFoundError(name=name)
 
-    monkeypatch.setattr("cosim.result.result.import_module", missing)
+    monkeypatch.setattr("cosim.record.frame.import_module", missing)
     with pytest.raises(DescriptionError, match="to_xarray needs xarray"):
         stage().to_xarray()

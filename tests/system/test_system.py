@@ -13,7 +13,7 @@ from fmu_files import PROBE, Variable, description, library_name, write_fmu, wri
 
 from cosim.errors import DescriptionError
 from cosim.fmu.description import read_fmu
-from cosim.fmu.places import find_fmus, shipped_file
+from cosim.fmu.places import base_name, find_fmus, shipped_file
 from cosim.system.system import System, make_system, read_system
 from cosim.system.values import parse_value
 
@@ -226,8 +226,25 @@ def test_base_is_completed_by_the_file(folder: Path) -> None:
     with pytest.raises(DescriptionError, match=r"base.toml: base: 'variant.toml' leads back to this file"):
         read_system(folder / "variant.toml")
     (folder / "variant.toml").write_text('base = "../base.toml"', encoding="utf-8")
-    with pytest.raises(DescriptionError, match="give the name of a file in the same folder"):
+    with pytest.raises(
+        DescriptionError, match=r"base: \"../base.toml\" is no file, and no system that comes with cosim"
+    ):
         read_system(folder / "variant.toml")
+
+
+def test_a_base_in_another_folder_keeps_its_fmus(folder: Path) -> None:
+    by_path = GOOD.replace('fmu = "Plant"', 'fmu = "build/fmus/native/Plant.fmu"')
+    (folder / "base.toml").write_text(by_path, encoding="utf-8")
+    (folder / "out").mkdir()
+    text = 'base = "../base.toml"\ninstances.plant.start.mass = 9\n'
+    (folder / "out" / "start.toml").write_text(text, encoding="utf-8")
+    system = read_system(folder / "out" / "start.toml")
+    assert system.instance("plant").start == {"mass": 9.0}
+    assert base_name("base.toml", folder / "start.toml") == "base.toml"
+    assert base_name(folder / "base.toml", folder / "new" / "start.toml") == "../base.toml"
+    assert base_name("shams2010/fsmc_5sin", folder / "start.toml") == "shams2010/fsmc_5sin"
+    with pytest.raises(DescriptionError, match=r"base bas.toml: no such file"):
+        base_name("bas.toml", folder / "start.toml")
 
 
 def test_fmu_folder_is_found_upwards(folder: Path) -> None:
@@ -482,6 +499,22 @@ CASES: dict[str, tuple[list[tuple[str, str]], str]] = {
     "recording an unknown instance": (
         [("[instances.plant]", '[record]\nvariables = ["plan.position"]\n[instances.plant]')],
         "record.variables: 'plan.position': no instance 'plan'. Did you mean 'plant'?",
+    ),
+    "description that is no text": (
+        [('description = "A loop"', "description = 3")],
+        "description: must be a text, not 3.",
+    ),
+    "step with an exponent that fills the memory": (
+        [("step_size = 1e-3", "step_size = 1e999999999")],
+        "experiment.step_size: 1E+999999999 is not a finite number of seconds.",
+    ),
+    "step that no machine has": (
+        [("step_size = 1e-3", "step_size = 1e-19")],
+        "experiment.step_size: a time must be 0 or lie between 1e-18 s and 1000000000000 s.",
+    ),
+    "more steps than a double counts": (
+        [("step_size = 1e-3", "step_size = 1e-17")],
+        "experiment.step_size: 1e+17 steps: at most 2^53 can be counted exactly.",
     ),
     "recording nothing": (
         [("[instances.plant]", '[record]\nvariables = ["plant.x*"]\n[instances.plant]')],

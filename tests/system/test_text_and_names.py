@@ -14,7 +14,7 @@ from fmu_files import PROBE, Variable, probe_library, write_fmu, write_probe
 from cosim.commands.cli import main
 from cosim.errors import DescriptionError
 from cosim.fmu.places import find_fmu, find_fmus, find_system, fmus_in, shipped_studies, shipped_systems
-from cosim.fmu.text import read_text
+from cosim.fmu.text import read_text, read_toml
 from cosim.master.simulation import simulate
 from cosim.result.summary import loops
 from cosim.system.ssp_write import write_ssp
@@ -68,6 +68,22 @@ def test_other_text_is_refused_with_the_line(tmp_path: Path, content: bytes, tex
     (tmp_path / "s.toml").write_bytes(content)
     with pytest.raises(DescriptionError, match=text.replace(".", r"\.")):
         read_system(tmp_path / "s.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("x = " + "9" * 5000, "not valid TOML: .*4300 digits"),
+        ("x = 1e" + "9" * 30, "an exponent that is too large"),
+        ("x = " + "[" * 3000 + "]" * 3000, "nested too deeply"),
+        ('[a]\nfile = "a\\u0000b"', r"not valid TOML: 'a\\x00b' has the character U\+0000"),
+        ('"a\\u0000" = [{b = 1}]', r"has the character U\+0000"),
+    ],
+)
+def test_toml_that_no_reader_can_use_is_refused(tmp_path: Path, content: str, text: str) -> None:
+    (tmp_path / "s.toml").write_text(content, encoding="utf-8")
+    with pytest.raises(DescriptionError, match=rf"s\.toml: .*{text}"):
+        read_toml(tmp_path / "s.toml")
 
 
 def test_a_file_that_is_a_folder_is_said(tmp_path: Path) -> None:
@@ -146,6 +162,15 @@ def test_numbers_as_people_type_them(text: str, value: str) -> None:
     assert parse_value(text) == Decimal(value)
 
 
+@pytest.mark.parametrize("text", ["1e999999999999999999999", "9" * 5000, "[" * 3000])
+def test_numbers_and_lists_beyond_every_measure_are_texts(tmp_path: Path, text: str) -> None:
+    write_probe(tmp_path)
+    (tmp_path / "s.toml").write_text(SYSTEM, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        read_system(tmp_path / "s.toml", parse_settings([f"a.time_constant={text}"]))
+    assert len(str(caught.value)) < 400
+
+
 def test_all_settings_that_are_wrong_come_at_once() -> None:
     with pytest.raises(DescriptionError) as caught:
         parse_settings(["a.k", "=5", "a.k=", "a.m = 2"])
@@ -158,6 +183,39 @@ def test_a_decimal_comma_is_told(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SYSTEM, encoding="utf-8")
     with pytest.raises(DescriptionError, match=r'"0,5" is not a number\. Write it with a point\. The unit is s\.'):
         read_system(tmp_path / "s.toml", parse_settings(["a.time_constant=0,5"]))
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("250 ms", 0.25), ("2us", 2e-6), ("1e-3 min", 0.06), ("0.5 s", 0.5), ("+.5e1 s", 5.0)]
+)
+def test_a_start_value_may_have_a_unit(tmp_path: Path, text: str, seconds: float) -> None:
+    write_probe(tmp_path)
+    (tmp_path / "s.toml").write_text(SYSTEM, encoding="utf-8")
+    system = read_system(tmp_path / "s.toml", parse_settings([f"a.time_constant={text}"]))
+    assert system.instance("a").start["time_constant"] == seconds
+    assert read_system(tmp_path / "s.toml").changed({"a.time_constant": text}).instance("a").start == {
+        **system.instance("a").start
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("5 mm", "'mm' cannot be converted. The unit is s."),
+        ("5 sec", "unknown symbol 'sec'. Did you mean 's'?"),
+        ("5 Ns/N", "unknown symbol 'Ns'. Did you mean 'N.s/N'?"),
+        ("5 N*s/N", "cannot read '*s/N'. Did you mean 'N.s/N'?"),
+        ("5 µs", "cannot read 'µs'. Did you mean 'us'?"),
+        ("-1 ms", "-0.001 s is below its minimum 1e-06 s."),
+        ('"5"', '"5" is not a number. Write it without quotes.'),
+    ],
+)
+def test_a_unit_that_does_not_fit_is_told(tmp_path: Path, text: str, problem: str) -> None:
+    write_probe(tmp_path)
+    (tmp_path / "s.toml").write_text(SYSTEM, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        read_system(tmp_path / "s.toml", parse_settings([f"a.time_constant={text}"]))
+    assert problem in str(caught.value)
 
 
 def test_a_stop_time_of_zero_counts(tmp_path: Path) -> None:

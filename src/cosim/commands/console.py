@@ -20,14 +20,16 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.console import Console
 from rich.markup import escape
 
+from ..errors import CosimError, DescriptionError
+
 if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
 
 WIDTH = 80
-"""Width in characters of tables that are written to a file or a pipe."""
+"""Width in characters of tables that are written to a file or a pipe: the usual width of a terminal."""
 QUIET_SECONDS = 1.0
-"""Work that takes less time shows no progress bar."""
+"""Work that takes less time shows no progress bar: a bar that vanishes at once is no help."""
 
 
 def standard_output() -> Console:
@@ -198,7 +200,8 @@ def set_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> N
         default=[],
         metavar="INST.VAR=VALUE",
         dest="values",
-        help="start values, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
+        help="start values, such as plant.m=70, trajectory.amplitude='10 mm' or trajectory.kind=sine; may be repeated "
+        "(of an FMU alone: m=70)",
     )
 
 
@@ -208,6 +211,38 @@ def check_plot(path: Path | None) -> None:
         from ..result.plots import check_picture
 
         check_picture(path)
+
+
+def check_files(*paths: Path | None) -> None:
+    """Raise DescriptionError, before anything runs, for all files that cannot be written. None is no file."""
+    from ..files import check_writable
+
+    problems: list[str] = []
+    for path in paths:
+        if path is not None:
+            try:
+                check_writable(path)
+            except DescriptionError as error:
+                problems += error.problems
+    if problems:
+        raise DescriptionError(problems)
+
+
+def write_files(*writers: tuple[Path | None, Callable[[Path], object]]) -> bool:
+    """Write the files of a result; each pair is a path (None: no file) and the function that writes it.
+
+    Call it after the result was shown: a full disk then loses a file, but not the result. Prints an error for each file
+    that cannot be written; the others are still written. Returns whether all could be written.
+    """
+    well = True
+    for path, write in writers:
+        if path is not None:
+            try:
+                write(path)
+            except CosimError as error:
+                print_error(str(error))
+                well = False
+    return well
 
 
 def common_arguments(parser: argparse.ArgumentParser, command: Callable[[argparse.Namespace], int]) -> None:

@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import Bar, common_arguments, print_note, show
+from .console import Bar, check_files, common_arguments, print_note, show, write_files
+from .parser import count
+from .systems import base_argument
 
 if TYPE_CHECKING:
     from ..design.fit import Fitted
@@ -22,7 +24,7 @@ def add(commands: Any) -> None:
     )
     fit.examples = (
         "cosim fit docs/examples/your_machine/motor_fit.toml --dry-run",
-        "cosim fit docs/examples/your_machine/motor_fit.toml --output results/motor --base motor.toml",
+        "cosim fit docs/examples/your_machine/motor_fit.toml --output results/motor",
     )
     fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
     fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
@@ -30,21 +32,24 @@ def add(commands: Any) -> None:
         "--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and a .csv for each record"
     )
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
-    fit.add_argument("--base", metavar="NAME", help="the file that start.toml completes (default: none)")
-    fit.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    base_argument(fit, "start.toml", "that of FIT")
+    fit.add_argument("--workers", type=count, metavar="N", help="processes (default: one a core)")
     common_arguments(fit, _fit)
 
 
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
-    from ..files import check_writable
+    from ..fmu.places import base_name, shipped_file
     from ..result.report import check_report
 
     if options.report is not None:
         check_report(options.report)
-    if options.output is not None:
-        check_writable(options.output / "start.toml")
+    start = None if options.output is None else options.output / "start.toml"
+    check_files(start)
     problem = fit.read_fit(options.file, fmus=options.fmus)
+    base = None
+    if start is not None:
+        base = base_name(options.base or shipped_file(problem.system, problem.folder), start)
     for note in problem.notes:
         print_note(f"note: {note}")
     with Bar("Runs") as bar:
@@ -54,15 +59,18 @@ def _fit(options: argparse.Namespace) -> int:
 
         look = fit.sensitivities if options.dry_run else fit.fit
         fitted = look(problem, workers=options.workers, progress=advance)
-    written = [] if options.output is None else fit.write_fit(fitted, options.output, base=options.base)
-    if options.report is not None:
+    _show(options, fitted)
+
+    def write_values(path: Path) -> None:
+        for written in fit.write_fit(fitted, path.parent, base=base):
+            print_note(f"Written: {written}")
+
+    def write_report(path: Path) -> None:
         from ..design.fit_report import write_page
 
-        written.append(write_page(fitted, options.report))
-    _show(options, fitted)
-    for path in written:
-        print_note(f"Written: {path}")
-    return 0
+        print_note(f"Written: {write_page(fitted, path)}")
+
+    return 0 if write_files((start, write_values), (options.report, write_report)) else 1
 
 
 def _show(options: argparse.Namespace, fitted: Fitted) -> None:
@@ -90,9 +98,13 @@ def _show(options: argparse.Namespace, fitted: Fitted) -> None:
 
 
 def _show_comparisons(options: argparse.Namespace, fitted: Fitted) -> None:
+    from ..result.plots import display_unit
+
     rows: list[tuple[str, ...]] = [("Record", "rms", "largest", "Unit", "rms / %", "fit / %", "lap to lap")]
     for c in fitted.comparisons:
-        laps = f"{c.repeatability:.3g}" if c.repeatability == c.repeatability else "-"
+        unit, factor = display_unit(c.unit, c.largest)
+        laps = f"{factor * c.repeatability:.3g}" if c.repeatability == c.repeatability else "-"
         name = f"{c.record} {c.output}{' (not fitted)' if c.validates else ''}"
-        rows.append((name, f"{c.rms:.4g}", f"{c.largest:.3g}", c.unit, f"{c.relative:.3g}", f"{c.fit:.4g}", laps))
-    show(options, {}, rows, "Record less system")
+        figures = f"{factor * c.rms:.4g}", f"{factor * c.largest:.3g}", unit
+        rows.append((name, *figures, f"{c.relative:.3g}", f"{c.fit:.4g}", laps))
+    show(options, {}, rows, "Record minus system")

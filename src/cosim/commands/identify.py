@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DescriptionError
-from .console import check_plot, common_arguments, print_note, show
+from .console import check_files, check_plot, common_arguments, print_note, show, write_files
+from .parser import number, positive
+from .systems import base_argument
 
 
 def add(commands: Any) -> None:
@@ -25,10 +27,12 @@ def add(commands: Any) -> None:
     )
     nct.examples = ("cosim identify nct maeda2008/pulse --alpha 505 --plot nct.png",)
     nct.add_argument("source", metavar="SYSTEM|CSV", help="a system file or a .csv")
-    nct.add_argument("--alpha", type=float, metavar="1/s", help="slope of the linear part, in 1/s")
-    nct.add_argument("--e-lin", type=float, metavar="m", help="position error at which the linear part ends, in m")
-    nct.add_argument("--omega-n", type=float, metavar="rad/s", help="with --zeta: natural frequency of the compensator")
-    nct.add_argument("--zeta", type=float, metavar="RATIO", help="with --omega-n: damping ratio of the compensator")
+    nct.add_argument("--alpha", type=positive, metavar="1/s", help="slope of the linear part, in 1/s")
+    nct.add_argument("--e-lin", type=positive, metavar="m", help="position error at which the linear part ends, in m")
+    nct.add_argument(
+        "--omega-n", type=positive, metavar="rad/s", help="with --zeta: natural frequency of the compensator"
+    )
+    nct.add_argument("--zeta", type=positive, metavar="RATIO", help="with --omega-n: damping ratio of the compensator")
     nct.add_argument("--position", metavar="INST.VAR", help="position of the system (default: plant.position)")
     nct.add_argument(
         "--velocity",
@@ -38,7 +42,7 @@ def add(commands: Any) -> None:
     nct.add_argument("--input", metavar="INST.VAR", help="input of the plant (default: plant.command)")
     nct.add_argument("--output", type=Path, metavar="FILE", help="write the curve (.csv)")
     nct.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the NCT (.toml)")
-    nct.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
+    base_argument(nct, "the start file")
     nct.add_argument("--plot", type=Path, metavar="FILE", help="draw the phase plane")
     common_arguments(nct, _identify)
     _add_friction(identify)
@@ -63,16 +67,16 @@ def _add_friction(identify: Any) -> None:
         "--force", default="force", metavar="COLUMN", help="column of the force, torque or command (default: force)"
     )
     friction.add_argument(
-        "--factor", type=float, default=1.0, metavar="K", help="force for one unit of its column (default: 1)"
+        "--factor", type=number, default=1.0, metavar="K", help="force for one unit of its column (default: 1)"
     )
     friction.add_argument("--unit", metavar="UNIT", help="unit of the force (default: as the record says, else N)")
     friction.add_argument("--time", metavar="COLUMN", help="column of time (default: time or t)")
     friction.add_argument(
-        "--sampling-time", type=float, metavar="SECONDS", help="sampling time of a record without times"
+        "--sampling-time", type=positive, metavar="SECONDS", help="sampling time of a record without times"
     )
     friction.add_argument(
         "--window",
-        type=float,
+        type=number,
         nargs=2,
         metavar=("FROM", "TO"),
         help="use only this part of the record, in s (default: all)",
@@ -95,8 +99,6 @@ def _friction(options: argparse.Namespace) -> int:
         sampling_time=options.sampling_time,
         **({} if options.window is None else {"span": tuple(options.window)}),
     )
-    if options.plot is not None:
-        friction.plot_friction(look, options.plot, title=str(options.record))
     rows: list[tuple[str, ...]] = [("First values", "Value", "+-", "Unit", "From")]
     for v in look.values:
         figures = (f"{v.value:.5g}", f"{v.deviation:.2g}") if v.excited else ("not excited", "")
@@ -111,15 +113,23 @@ def _friction(options: argparse.Namespace) -> int:
         rows[1:] = sorted(rows[1:], key=lambda row: float(row[0]))
         show(options, {}, rows, "Friction over velocity")
         print_note(f"{100.0 * look.slow_share:.2g} % of the samples move slower than a hundredth of the largest speed.")
-    return 0
+    plotted = write_files(
+        (options.plot, lambda path: friction.plot_friction(look, path, title=str(options.record))),
+    )
+    return 0 if plotted else 1
 
 
 def _identify(options: argparse.Namespace) -> int:
     from ..design import identify
+    from ..fmu.places import base_name
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
+    check_files(options.output, options.start)
     check_plot(options.plot)
+    base = None
+    if options.start is not None and options.base is not None:
+        base = base_name(options.base, options.start)
     nct = identify.identify_nct(
         options.source,
         alpha=options.alpha,
@@ -131,12 +141,6 @@ def _identify(options: argparse.Namespace) -> int:
         fmus=options.fmus,
     )
     gains = None if options.zeta is None else nct.gains(options.omega_n, options.zeta)
-    if options.output is not None:
-        identify.write_nct(nct, options.output)
-    if options.start is not None:
-        identify.write_start(nct, options.start, gains=gains, base=options.base)
-    if options.plot is not None:
-        identify.plot_nct(nct, options.plot)
     figures: list[tuple[str, float, str]] = [
         ("alpha", nct.alpha, "1/s"),
         ("e_lin", nct.e_lin, "m"),
@@ -151,4 +155,9 @@ def _identify(options: argparse.Namespace) -> int:
     ]
     rows = [(name, f"{value:.6g}", unit) for name, value, unit in figures]
     show(options, {name: value for name, value, _ in figures}, [("NCT", "", ""), *rows], str(options.source))
-    return 0
+    written = write_files(
+        (options.output, lambda path: identify.write_nct(nct, path)),
+        (options.start, lambda path: identify.write_start(nct, path, gains=gains, base=base)),
+        (options.plot, lambda path: identify.plot_nct(nct, path)),
+    )
+    return 0 if written else 1

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import DescriptionError
-from .console import check_plot, common_arguments, print_note, set_argument, show
+from .console import check_plot, common_arguments, print_note, set_argument, show, write_files
 from .systems import given_values
 
 if TYPE_CHECKING:
@@ -82,12 +82,11 @@ def _linearize(options: argparse.Namespace) -> int:
         if alone:
             raise DescriptionError("margins need a system with the loop.")
         loop, found = linearize.loop_margins(source, at=at, controller=options.controller, plant=options.instance)
-        if options.plot is not None:
-            linearize.plot_bode(options.plot, loop, title="Loop transfer function, sampled")
-    elif options.plot is not None:
-        linearize.plot_bode(options.plot, model, title=f"{model.inputs[0]} to {model.outputs[0]}")
+        drawn, title = loop, "Loop transfer function, sampled"
+    else:
+        drawn, title = model, f"{model.inputs[0]} to {model.outputs[0]}"
     _show(options, model, found, notes, f"{options.source} at {at:g} s")
-    return 0
+    return 0 if write_files((options.plot, lambda path: linearize.plot_bode(path, drawn, title=title))) else 1
 
 
 def _show(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import math
 import re
 import shutil
 import textwrap
@@ -22,6 +24,30 @@ EXIT_CODES: Mapping[int, str] = {
 """Exit code -> its meaning, for every command that says nothing else."""
 LONGEST_LINE = 78
 """Longest line of an example in characters. A longer command goes on in the next line, after a backslash."""
+
+
+def number(text: str) -> float:
+    """The value of an option that is a finite number."""
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(text)):
+            return value
+    raise argparse.ArgumentTypeError(f"must be a finite number, not '{text}'")
+
+
+def positive(text: str) -> float:
+    """The value of an option that is a finite number above 0."""
+    with contextlib.suppress(argparse.ArgumentTypeError):
+        if (value := number(text)) > 0.0:
+            return value
+    raise argparse.ArgumentTypeError(f"must be a finite number above 0, not '{text}'")
+
+
+def count(text: str) -> int:
+    """The value of an option that is a whole number of at least 1."""
+    with contextlib.suppress(ValueError):
+        if (value := int(text)) >= 1:
+            return value
+    raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not '{text}'")
 
 
 class Parser(argparse.ArgumentParser):

@@ -16,7 +16,7 @@ from rich.markup import escape
 
 from ..errors import CosimError, DescriptionError
 from .compare import comparison_content, show_comparison
-from .console import Bar, make_table, print_error, print_json, print_note, standard_output
+from .console import Bar, make_table, print_error, print_json, print_note, standard_output, write_files
 from .overlay import Overlay, opened, overlay_arguments
 from .parser import EXIT_CODES
 from .systems import given_system, system_arguments
@@ -40,9 +40,14 @@ A longer record is written to its file during the run. Figures are then computed
 """
 _FILES = ("output", "plot", "report")
 """Options that name the files of a run."""
+WHOLE_NAME = 44
+"""Longest name of a figure that is not wrapped."""
 MAX_SHOWN_MESSAGES = 20
+"""Largest number of messages of FMUs that are shown after a run; the gravest come first."""
 MAX_SHOWN_TEXT = 1000
+"""Largest number of characters shown of a message; about twelve lines of a terminal."""
 MAX_SHOWN_NAMES = 5
+"""Largest number of names of variables in a line about values that are not finite."""
 TRIAL_SECONDS = 2.0
 """Time that the end of a run waits for the trial, which looks for forgotten inputs at the same time."""
 _GRAVITY = {"OK": 0, "Warning": 1, "Discard": 2}
@@ -277,18 +282,11 @@ def _save(
         print_note("Nothing had been computed.")
     elif early:
         print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
-    writers: list[Callable[[], object]] = []
-    if options.plot is not None and result.time.size > 1:
-        writers.append(lambda: _plot(result, options.plot, compared))
-    if options.report is not None:
-        writers.append(lambda: _report(result, options.report, notes, compared))
-    for write in writers:
-        try:
-            write()
-        except CosimError as error:
-            print_error(str(error))
-            well = False
-    return well
+    drawn = write_files(
+        (options.plot if result.time.size > 1 else None, lambda path: _plot(result, path, compared)),
+        (options.report, lambda path: _report(result, path, notes, compared)),
+    )
+    return drawn and well
 
 
 def _plot(result: Result, path: Path, compared: Comparison | None) -> None:
@@ -392,7 +390,8 @@ def _real_time_factor(result: Result) -> float:
 def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
     """The table of a run: its length and its figures of merit."""
     facts = result.metadata
-    table = make_table("", "", "", right=("1",), whole=("1",))
+    names_fit = all(len(row.name) <= WHOLE_NAME for row in figures)
+    table = make_table("", "", "", right=("1",), whole=("0", "1") if names_fit else ("1",))
     table.add_row("Simulated", f"{facts['steps'] * facts['step_size']:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
     for instance, counts in result.solver.items():

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, check_plot, common_arguments, set_argument, show
+from .console import Bar, check_plot, common_arguments, set_argument, show, write_files
+from .parser import positive
 from .systems import given_values
 
 
@@ -25,13 +26,17 @@ def add(commands: Any) -> None:
     linear.examples = ("cosim stability linear --W 0.1 0.25 0.4 --alpha 505 --T-s 2e-4",)
     linear.add_argument(
         "--W",
-        type=float,
+        type=positive,
         nargs="+",
         default=[0.05, 0.1, 0.2, 0.3, 0.4],
         help="values of omega_n*T_s (default: 0.05 0.1 0.2 0.3 0.4)",
     )
-    linear.add_argument("--alpha", type=float, required=True, metavar="1/s", help="slope of the NCT near zero, in 1/s")
-    linear.add_argument("--T-s", type=float, required=True, metavar="s", help="sampling time of the controller, in s")
+    linear.add_argument(
+        "--alpha", type=positive, required=True, metavar="1/s", help="slope of the NCT near zero, in 1/s"
+    )
+    linear.add_argument(
+        "--T-s", type=positive, required=True, metavar="s", help="sampling time of the controller, in s"
+    )
     linear.add_argument("--json", action="store_true", help="print the result as JSON")
     linear.set_defaults(command=_linear)
     practical = stability.add_parser(
@@ -47,13 +52,13 @@ def add(commands: Any) -> None:
         "--position", metavar="INST.VAR", help="the position that must come to rest (default: plant.position)"
     )
     practical.add_argument(
-        "--first", type=float, default=300.0, metavar="GAIN", help="gain at which the scan begins (default: 300)"
+        "--first", type=positive, default=300.0, metavar="GAIN", help="gain at which the scan begins (default: 300)"
     )
     practical.add_argument(
-        "--last", type=float, default=20000.0, metavar="GAIN", help="gain at which it ends (default: 20000)"
+        "--last", type=positive, default=20000.0, metavar="GAIN", help="gain at which it ends (default: 20000)"
     )
     practical.add_argument(
-        "--swing", type=float, default=50e-9, metavar="m", help="least oscillation that counts, in m (default: 5e-8)"
+        "--swing", type=positive, default=50e-9, metavar="m", help="least oscillation that counts, in m (default: 5e-8)"
     )
     practical.add_argument("--stop-time", default="0.6", metavar="s", help="end of a run, in s (default: 0.6)")
     common_arguments(practical, _practical)
@@ -107,8 +112,6 @@ def _map(options: argparse.Namespace) -> int:
     file = read_map(options.file, fmus=options.fmus)
     with Bar("Limits") as bar:
         found = limit_map(file.system, file.cases, K=file.K, timeout=file.timeout, progress=bar.update)
-    if options.plot is not None:
-        plot_limit_map(found, options.plot)
     content = {
         "ultimate": dict(found.ultimate),
         "mean_deviation": found.mean_deviation,
@@ -130,4 +133,4 @@ def _map(options: argparse.Namespace) -> int:
         f"{file.description}: damping ratios; mean deviation {100.0 * found.mean_deviation:.1f} %, {found.runs} runs"
     )
     show(options, content, [("Case", "omega_n*T_s", "linear", "practical", "simulated", "deviation"), *rows], title)
-    return 0
+    return 0 if write_files((options.plot, lambda path: plot_limit_map(found, path))) else 1

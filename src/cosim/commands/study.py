@@ -9,8 +9,8 @@ from typing import Any
 from rich.markup import escape
 
 from ..extras import require
-from .console import Bar, fmus_argument, make_table, print_error, standard_output
-from .parser import EXIT_CODES
+from .console import Bar, check_files, fmus_argument, make_table, print_error, standard_output, write_files
+from .parser import EXIT_CODES, count
 
 
 def add(commands: Any) -> None:
@@ -31,7 +31,7 @@ def add(commands: Any) -> None:
     study.add_argument(
         "--runs", default="*", metavar="PATTERN", help="only the runs that match, such as 'fsmc_*' (default: all)"
     )
-    study.add_argument("--jobs", type=int, default=2, metavar="N", help="runs carried out at a time (default: 2)")
+    study.add_argument("--jobs", type=count, default=2, metavar="N", help="runs carried out at a time (default: 2)")
     study.add_argument(
         "--data", type=Path, metavar="DIR", help="folder of the files that the study reads (emps); they stay yours"
     )
@@ -64,6 +64,8 @@ def main(
 
     require("matplotlib", "the report of a study")
     folder = find_study(name)
+    target = (output or Path("results") / folder.name) / "report.html"
+    check_files(target)
     study = load_study(folder)
     total = len(matching_runs(study, runs))
     done = 0
@@ -76,7 +78,6 @@ def main(
 
         outcomes = run_study(folder, pattern=runs, jobs=jobs, fmus=fmus, data=data, progress=advance)
     verdicts = [judge(claim, outcomes) for claim in study.claims]
-    report = write_report(output or Path("results") / folder.name, folder.name, study, outcomes, verdicts)
     console = standard_output()
     for kind, (title, text) in KINDS.items():
         found = [verdict for verdict in verdicts if verdict.claim.kind == kind]
@@ -94,8 +95,10 @@ def main(
         console.print(table)
         said = ", ".join(f"{count} {status}" for status, count in counts(verdicts, kind).items())
         console.print(f"{title}: {said}. {text}")
-    console.print(f"Written: {escape(str(report))}")
+    written = write_files((target, lambda path: write_report(path.parent, folder.name, study, outcomes, verdicts)))
+    if written:
+        console.print(f"Written: {escape(str(target))}")
     failed = [outcome for outcome in outcomes.all() if outcome.failure]
     for outcome in failed:
         print_error(f"run {outcome.name}: {outcome.failure}")
-    return 1 if failed else 0
+    return 1 if failed or not written else 0

@@ -36,6 +36,11 @@ def system_arguments(parser: argparse.ArgumentParser) -> None:
     fmus_argument(parser)
 
 
+def base_argument(parser: argparse.ArgumentParser, completes: str, default: str = "none") -> None:
+    """Add ``--base``, the system that the written file ``completes``."""
+    parser.add_argument("--base", metavar="SYSTEM", help=f"the system that {completes} completes (default: {default})")
+
+
 def given_values(items: Sequence[str]) -> dict[str, object]:
     """The values of ``--set`` by variable. Raises DescriptionError with all items that cannot be read."""
     from ..system.values import parse_settings

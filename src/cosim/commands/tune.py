@@ -7,8 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, common_arguments, show
-from .parser import EXIT_CODES
+from .console import Bar, check_files, common_arguments, show, write_files
+from .parser import EXIT_CODES, count
+from .systems import base_argument
 
 
 def add(commands: Any) -> None:
@@ -18,19 +19,25 @@ def add(commands: Any) -> None:
         help="optimize parameters of a system",
         description="Look for the parameters with the least objective that keep all limits.",
     )
-    tune.examples = ("cosim tune maeda2008/tunings/step_1mm --start tuned.toml --base maeda2008/step_1mm",)
+    tune.examples = ("cosim tune maeda2008/tunings/step_1mm --start tuned.toml",)
     tune.exit_codes = {**EXIT_CODES, 0: "the search has ended; the table says whether all limits are kept"}
     tune.add_argument("file", type=Path, metavar="TUNING", help="a tuning file (.toml)")
-    tune.add_argument("--workers", type=int, default=2, metavar="N", help="threads (default: 2)")
+    tune.add_argument("--workers", type=count, default=2, metavar="N", help="threads (default: 2)")
     tune.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the values found")
-    tune.add_argument("--base", metavar="NAME", help="the file beside it that the start file completes")
+    base_argument(tune, "the start file", "that of TUNING")
     common_arguments(tune, _tune)
 
 
 def _tune(options: argparse.Namespace) -> int:
     from ..design.tune import Trial, read_tuning, tune, write_start
+    from ..fmu.places import base_name, has_ending
 
+    check_files(options.start)
     tuning = read_tuning(options.file, fmus=options.fmus)
+    base = None
+    if options.start is not None:
+        system = options.base or tuning.system.folder / tuning.system.name
+        base = base_name(system, options.start) if has_ending(system, ".toml") or options.base else None
     with Bar("Runs") as bar:
 
         def advance(done: int, best: Trial | None) -> None:
@@ -38,8 +45,6 @@ def _tune(options: argparse.Namespace) -> int:
             bar.update(done, None, f"best {tuning.objective} {value:.4g}")
 
         tuned = tune(tuning, workers=options.workers, progress=advance)
-    if options.start is not None:
-        write_start(tuned, options.start, base=options.base)
     content = {
         "parameters": dict(tuned.parameters),
         "figures": dict(tuned.best.figures),
@@ -52,4 +57,4 @@ def _tune(options: argparse.Namespace) -> int:
     rows = [(name, f"{value:.6g}") for name, value in {**tuned.parameters, **tuned.best.figures}.items()]
     kept = "all limits kept" if tuned.feasible else f"limits NOT kept, excess {tuned.best.excess:.3g}"
     show(options, content, [("", "Best"), *rows], f"{options.file}: {len(tuned.trials)} runs, {kept}")
-    return 0
+    return 0 if write_files((options.start, lambda path: write_start(tuned, path, base=base))) else 1

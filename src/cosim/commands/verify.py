@@ -5,13 +5,24 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
 from ..errors import DescriptionError
-from .console import Bar, check_plot, fmus_argument, make_table, print_error, print_json, print_note, standard_output
+from .console import (
+    Bar,
+    check_plot,
+    fmus_argument,
+    make_table,
+    print_error,
+    print_json,
+    print_note,
+    standard_output,
+    write_files,
+)
 from .parser import EXIT_CODES
 
 if TYPE_CHECKING:
@@ -78,14 +89,19 @@ def _run(options: argparse.Namespace) -> int:
     with Bar("Replaying") as bar:
         for report in found:
             reports.append(report)
-            if options.plot is not None and any(outcome.signals for outcome in report.outcomes):
-                _draw(report, options.plot, len(paths))
             bar.update(len(reports), len(paths), report.path.name)
     if options.json:
         print_json([_facts(report) for report in reports])
     else:
         _show(reports)
-    return max(report.code for report in reports)
+    drawn = write_files(
+        *(
+            (options.plot, partial(_draw, report, number=len(paths)))
+            for report in reports
+            if any(outcome.signals for outcome in report.outcomes)
+        )
+    )
+    return max(0 if drawn else 1, *(report.code for report in reports))
 
 
 def _paths(text: str, folder: Path | None) -> list[Path]:
@@ -102,7 +118,7 @@ def _paths(text: str, folder: Path | None) -> list[Path]:
     return [path]
 
 
-def _draw(report: Report, target: Path, number: int) -> None:
+def _draw(report: Report, target: Path, *, number: int) -> None:
     from ..reference.picture import draw
 
     draw(report, target if number == 1 else target.with_stem(f"{target.stem}_{report.path.stem}"))

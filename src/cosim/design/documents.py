@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from ..fmu.tables import Count, Number, Positive, Scalar, Seconds, Table, Text
+from ..fmu.tables import Number, Positive, Scalar, Seconds, Table, Text
+
+MOST_RUNS = 10**6
+"""Largest number of runs that a file may ask for. Their rows fit into memory; a larger number is probably a slip."""
+
+Runs = Annotated[int, Field(ge=1, le=MOST_RUNS)]
+Seed = Annotated[int, Field(ge=0)]
 
 
 class RangeData(Table):
@@ -40,7 +47,7 @@ class AxisData(RangeData):
 
     EXAMPLE: ClassVar[str] = "{ from = 1.0, to = 2.0, count = 5 }, or a list of values"
 
-    count: Count | None = None
+    count: Runs | None = None
     """Number of values. A grid and a list need it; latin and sobol take ``count`` of the file."""
 
 
@@ -106,9 +113,9 @@ class SweepData(RunsData):
 
     method: Literal["grid", "list", "latin", "sobol"] = "grid"
     """``grid``: all combinations; ``list``: values side by side; ``latin``, ``sobol``: random designs of ranges."""
-    count: Count | None = None
+    count: Runs | None = None
     """Number of runs, for latin and sobol only."""
-    seed: int = 1
+    seed: Seed = 1
     """Seed of latin and sobol."""
     parameters: Annotated[dict[str, Axis], Field(min_length=1)]
     """``INSTANCE.VARIABLE`` (or the setting of a signal) and its values: a list or a range."""
@@ -125,19 +132,27 @@ class TuningData(RunsData):
 
     objective: Text
     """Name of the metric that is minimized."""
-    generations: Count = 30
+    generations: Runs = 30
     """Most generations of the search."""
-    population: Count = 15
+    population: Runs = 15
     """Number of points in a generation for each parameter."""
-    seed: Count = 1
+    seed: Seed = 1
     """Seed of the random numbers."""
     parameters: Annotated[dict[str, RangeData], Field(min_length=1)]
     """``INSTANCE.VARIABLE`` and the range in which its value is looked for."""
     limits: Mapping[str, Number] = {}
     """Largest value of a metric, in its unit."""
 
+    @model_validator(mode="after")
+    def _not_too_many(self) -> TuningData:
+        runs = self.generations * self.population * len(self.parameters)
+        if runs > MOST_RUNS:
+            raise ValueError(f"generations times population ask for {runs} runs; at most {MOST_RUNS} are possible")
+        return self
 
-Frequencies = Annotated[list[Positive], Field(min_length=1)]
+
+Frequencies = Annotated[list[Annotated[Positive, Field(lt=math.pi)]], Field(min_length=1)]
+"""Values of omega_n*T_s: a sampled loop has no frequency above pi."""
 
 
 class CaseData(Table):
@@ -213,6 +228,11 @@ class FreeData(Table):
             raise ValueError(f"log needs positive values, not {given[0]:g}")
         return self
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper bound; infinite where none is given."""
+        return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
+
 
 class ParameterData(FreeData):
     """A free start value of an FMU."""
@@ -242,7 +262,7 @@ class OutputData(Table):
     unit: Text | None = None
     """Unit of the column. Default: the unit in the record, else the unit of the signal."""
     factor: Number = 1.0
-    """Factor on the column before it is compared."""
+    """Factor on the column, beside the conversion of its unit, before it is compared."""
     reference: Text | None = None
     """Column that is subtracted for the figures: the reference of a loop gives figures of the tracking error."""
     noise: Positive | None = None
@@ -253,6 +273,11 @@ class OutputData(Table):
     """Gain of the sensor, ``record = gain*signal + bias``: a number, or a free value."""
     bias: FixedOrFree = 0.0
     """Bias of the sensor in the unit of the signal: a number, or a free value."""
+
+    @property
+    def sensor(self) -> Mapping[str, float | FreeData]:
+        """Delay, gain and bias by name."""
+        return {"delay": self.delay, "gain": self.gain, "bias": self.bias}
 
 
 class RecordData(Table):
@@ -291,11 +316,11 @@ class FitData(Table):
     """Longest time of a run in s of the clock. Default: none."""
     loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
     """``linear`` is least squares; with the others outliers count less."""
-    starts: Count = 1
+    starts: Runs = 1
     """Number of starting points that are tried."""
-    seed: int = 1
+    seed: Seed = 1
     """Seed of the starting points."""
-    loops: Count = 200
+    loops: Runs = 200
     """Most runs of a record."""
     parameters: Annotated[dict[str, ParameterData], Field(min_length=1)]
     """Free start values by ``INSTANCE.VARIABLE``; bounds default to those of the FMU."""

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from ..errors import CosimError, DescriptionError, SimulationError
+from ..errors import CosimError, SimulationError
 from ..files import write_file
 from ..fmu import tables
 from ..result.metrics import Array
@@ -27,9 +27,10 @@ from .fit_file import Fit, FitRecord, Output, read_fit
 from .fit_runs import Runs, expected
 from .fit_solver import Found, Solver
 from .fit_statistics import NORMAL, Peak, Spread, Weak, agreement, peaks, repeatability
+from .workers import check_workers
 
 ALIKE = 0.99
-"""Pairs of values with a larger correlation are reported."""
+"""Pairs of values with a larger correlation are reported: the records hardly tell them apart."""
 
 Advance = Callable[[int, float], None]
 """Function called with the number of runs so far and the best sum of squares divided by the number of samples."""
@@ -77,7 +78,7 @@ class OutputFit:
     expected: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fitted:
     """The result of ``fit`` or ``sensitivities``."""
 
@@ -98,6 +99,15 @@ class Fitted:
     workers: int
     costs: tuple[float, ...]
     """For each starting point, the final sum of squares divided by the number of samples; infinite if it failed."""
+
+    def __repr__(self) -> str:
+        values = ", ".join(
+            f"{e.name} = {e.value:.5g}"
+            + (f" +- {0.5 * (e.high - e.low):.2g}" if e.told else " (not told)")
+            + f" {e.unit}"
+            for e in self.estimates
+        )
+        return f"<Fitted {self.fit.name}: {values}; {self.message}>"
 
     @property
     def values(self) -> dict[str, float]:
@@ -164,9 +174,8 @@ def _carried_out(
     source: str | Path | Fit, workers: int | None, fmus: str | Path | None, progress: Advance, *, search: bool
 ) -> Fitted:
     problem = source if isinstance(source, Fit) else read_fit(source, fmus=fmus)
-    if workers is not None and workers < 1:
-        raise DescriptionError(f"workers: {workers} is not a number of processes. Give 1 or more.")
     count = workers if workers is not None else os.cpu_count() or 1
+    check_workers(count)
     begun = clock_time.perf_counter()
     with Runs(problem, count, progress) as runs:
         solver = Solver(problem, runs)
@@ -292,7 +301,7 @@ def summary(fitted: Fitted) -> dict[str, Any]:
 
 
 def write_fit(fitted: Fitted, folder: Path, *, base: str | None = None) -> list[Path]:
-    """Write start.toml, fit.json, and for each record NAME.csv with measured and expected signals and their difference.
+    """Write start.toml, fit.json, and for each record NAME.csv with its measured and expected signals.
 
     ``base`` is the system file that start.toml extends. Returns the paths. Raises FileError.
     """

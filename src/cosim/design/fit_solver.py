@@ -5,6 +5,7 @@ Source: Branch, Coleman & Li, SIAM J. Scientific Computing 21(1), 1999 (trust re
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,8 @@ ENDS: Mapping[int, str] = {
 
 OUTLIER = 3.0
 """A robust loss gives less weight to samples with a residual above this many units of noise."""
+
+_log = logging.getLogger(__name__)
 
 Function = Callable[[Array], Array]
 
@@ -166,7 +169,17 @@ class Solver:
     def search(self) -> Found:
         """The best end of the searches from all starting points."""
         random = np.random.default_rng(self.fit.seed)
-        ends = [self._from(self.first if not i else self._other(random)) for i in range(self.fit.starts)]
+        ends: list[Found] = []
+        try:
+            for i in range(self.fit.starts):
+                ends.append(self._from(self.first if not i else self._other(random)))
+        except KeyboardInterrupt:
+            cost, point = min([*((end.cost, end.point) for end in ends), self.best], key=lambda end: end[0])
+            if math.isfinite(cost):
+                values = zip(self.fit.free, self.coordinates.back(point), strict=True)
+                told = ", ".join(f"{free.name} = {value:.7g}" for free, value in values)
+                _log.warning("interrupted after %d runs of a record. The best values so far: %s", self.runs.loops, told)
+            raise
         best = min(ends, key=lambda end: end.cost)
         if not math.isfinite(best.cost):
             raise SimulationError(f"{self.fit.name}: {best.message}")

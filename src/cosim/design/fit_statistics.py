@@ -24,17 +24,22 @@ NORMAL = 1.959963984540054
 """95 % of a normal distribution lie within this number of standard deviations."""
 
 SHARE = 0.3
-"""A value belongs to a direction if its component is at least this share of the largest component."""
+"""A value belongs to a direction if its component is at least this share of the largest component.
+
+Smaller components change the residuals by less than a tenth of the power of the largest.
+"""
 
 FAINT = 1e-2
-"""Directions with a singular value below this share of the largest are evaluated again, with a larger step."""
+"""Directions with a singular value below this share of the largest are evaluated again, with a larger step.
+
+Along them, the error of the finite differences may hide the change of the residuals.
+"""
 
 FAR_STEP = 0.2
 """The larger step: integration errors divided by it are small beside one unit of noise."""
 
-
 NOTHING = 10.0
-"""A value with an uncertainty of this many times its size is reported as not known at all."""
+"""A value with an uncertainty of this many times its size is reported as not known at all: not even its sign."""
 
 
 @dataclass(frozen=True)

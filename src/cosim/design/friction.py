@@ -34,19 +34,26 @@ from .fit_statistics import NORMAL, fast_noise, memory
 ORDER = 3
 """Order of the local polynomial: the lowest one that can follow a changing acceleration."""
 SHORTEST, LONGEST = 5, 101
-"""Limits of the filter length in samples."""
+"""Limits of the filter length in samples. The shortest has one more than the polynomial needs; a longer one than the
+longest flattens reversals."""
 QUIET = 0.02
-"""The filter is long enough if the noise is at most this share of the velocity and of the acceleration (rms)."""
+"""The filter is long enough if the noise is at most this share (2 %) of the velocity and of the acceleration (rms)."""
 MOVING = 0.02
-"""Share of the largest speed above which the least squares treat the machine as sliding."""
+"""Share of the largest speed above which the least squares treat the machine as sliding.
+
+Below it the bristles bend, and friction is no function of the speed.
+"""
 BINS = 12
-"""Number of points of the friction curve for each direction."""
+"""Number of points of the friction curve for each direction: enough to show its dip at low speed."""
 LEAST = 5
-"""Least number of samples of a bin, of a rest, or of a slope."""
+"""Least number of samples of a point of the curve: a spread of fewer samples says little."""
 PRESLIDING = 0.5
 """The slope is taken below this share of the sliding friction, where the bristles do not slip yet."""
 LARGEST_CONDITION = 100.0
-"""A value counts as not excited if similarity to other columns makes its deviation larger by more than this factor."""
+"""A value counts as not excited if similarity to other columns makes its deviation larger by more than this factor.
+
+With such a factor, noise of 1 % of the force leaves nothing of the value.
+"""
 
 
 @dataclass(frozen=True)

@@ -31,16 +31,17 @@ from ..master.simulation import simulate
 from ..record.read import read_record
 from ..result.metrics import Array
 from ..system.system import System, read_system
+from .fit_statistics import fast_noise
 from .names import nctf_names
 
 NODES = 128
 """Number of nodes of the NCT in the controllers of this library."""
 POINTS = 400
-"""Number of points of the identified curve above its linear part."""
+"""Number of points of the identified curve above its linear part; ``reduce_nodes`` takes the nodes from them."""
 MAX_WINDOW = 51
 """Longest window for the velocity in samples: a long window flattens the curve."""
 NOISE_SHARE = 0.02
-"""The velocity is smoothed until its noise is below this share of the velocity lost in one sample."""
+"""The velocity is smoothed until its noise is below this share of the velocity lost during half a window."""
 
 
 @dataclass(frozen=True)
@@ -176,18 +177,11 @@ def nct_from_signals(
     place = direction * (position - position[driven[0]])
     end = int(driven[-1]) + 1  # the first sample without command
     tail = place[-max(2, (time.size - end) // 20) :]
-    rest, noise = float(np.mean(tail)), position_noise(place[end:])
+    rest, noise = float(np.mean(tail)), fast_noise(place[end:])
     rate = direction * velocity if velocity is not None else smooth_slope(place, step, end, noise)
     if abs(float(rate[-1])) > 1e-2 * float(np.max(rate[end:])):
         raise DescriptionError("the stage still moves at the end of the record. Record until it rests.")
-    top = end + int(np.argmax(rate[end:]))
-    stopped = np.flatnonzero(rate[top:] <= 0.0)
-    last = top + int(stopped[0]) if stopped.size else time.size - 1
-    if last - top < 8:
-        raise DescriptionError(f"only {last - top} samples between the largest velocity and rest: sample faster.")
-    share = float(rate[last - 1] / (rate[last - 1] - rate[last]))
-    stop = float(place[last - 1] + share * (place[last] - place[last - 1]))
-
+    top, last, stop = _coasting(place, rate, end)
     errors = (stop - place[top:last])[::-1]
     kept = errors > max(1e-8, 3.0 * noise)
     errors, rates = errors[kept], rate[top:last][::-1][kept]
@@ -211,6 +205,17 @@ def nct_from_signals(
         measured_error=errors,
         measured_rate=rates,
     )
+
+
+def _coasting(place: Array, rate: Array, end: int) -> tuple[int, int, float]:
+    """The sample of the largest velocity after the pulse, the first sample at rest, and the position at that rest."""
+    top = end + int(np.argmax(rate[end:]))
+    stopped = np.flatnonzero(rate[top:] <= 0.0)
+    last = top + int(stopped[0]) if stopped.size else rate.size - 1
+    if last - top < 8:
+        raise DescriptionError(f"only {last - top} samples between the largest velocity and rest: sample faster.")
+    share = float(rate[last - 1] / (rate[last - 1] - rate[last]))
+    return top, last, float(place[last - 1] + share * (place[last] - place[last - 1]))
 
 
 def linear_part(
@@ -251,14 +256,6 @@ def monotone(values: Array) -> Array:
         means.append(mean)
         counts.append(count)
     return np.repeat(np.array(means), counts)
-
-
-def position_noise(position: Array) -> float:
-    """Standard deviation of the noise in ``position``, quantisation included, from its third differences."""
-    rough = np.diff(position, 3)
-    if rough.size == 0:
-        return 0.0
-    return float(np.median(np.abs(rough))) / 0.6745 / math.sqrt(20.0)
 
 
 def smooth_slope(position: Array, step: float, end: int, noise: float) -> Array:

@@ -30,11 +30,14 @@ from ..system.system import System, make_system, read_system
 from .names import nctf_names
 
 MARKOV = 60
-"""Number of samples of the step response from which a controller is realized."""
+"""Number of samples of the step response from which a controller is realized: twice the largest possible order."""
 RANK = 1e-8
-"""Singular values below this share of the largest count as 0."""
+"""Singular values below this share of the largest count as 0: they come from rounding of the responses."""
 FREQUENCIES = 4000
-"""Number of frequencies at which margins are searched, over four decades up to half of the sampling frequency."""
+"""Number of frequencies at which margins are searched, over four decades up to half of the sampling frequency.
+
+Neighbours differ by 0.23 %; crossings are interpolated between them.
+"""
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,9 @@ from ..result.summary import not_finite, tracking
 from ..system.signals import setting
 from ..system.system import System, read_system
 from ..system.values import start_value
-from .documents import AxisData, RunsData, SweepData
+from .documents import MOST_RUNS, AxisData, RunsData, SweepData
 
 Value = float | str | bool
-
 
 Point = tuple[Value, ...]
 
@@ -199,6 +198,9 @@ def _points(data: SweepData, variables: Mapping[str, Variable]) -> tuple[Point, 
     if data.method in ("grid", "list"):
         axes = [_axis(path, given) for path, given in data.parameters.items()]
         if data.method == "grid":
+            runs = math.prod(map(len, axes))
+            if runs > MOST_RUNS:
+                raise DescriptionError(f"parameters: the grid has {runs} runs; at most {MOST_RUNS} are possible.")
             rows = list(itertools.product(*axes))
         else:
             lengths = {path: len(axis) for path, axis in zip(data.parameters, axes, strict=True)}

@@ -18,8 +18,10 @@ Engineering 32, 2008, secs. 4 and 6; Jury's test as in Astrom & Wittenmark, Comp
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,7 +30,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError
+from ..errors import CosimError, DescriptionError
 from ..fmu.places import shipped_file
 from ..fmu.tables import read_table
 from ..master.simulation import Simulation
@@ -39,18 +41,14 @@ from .documents import MapData
 from .identify import identify_nct
 from .linearize import StateSpace
 from .names import nctf_names
-from .search import Limit, search_limit
+from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
 from .workers import Loadable, Worker, WorkerError
 
 SERIES_BELOW = 0.05
 """Below this alpha*T, differences of nearly equal numbers are computed from their series to avoid cancellation."""
-SWING = 50e-9
-"""Smallest peak-to-peak value in m that counts as an oscillation."""
-KEPT = 0.8
-"""A sustained oscillation keeps at least this share of its size from the third quarter of a run to the last."""
-CROSSINGS = 8
-"""Least number of zero crossings in the last quarter; a signal with fewer is a creep, not an oscillation."""
+
+_log = logging.getLogger(__name__)
 
 
 # Linear
@@ -78,7 +76,7 @@ def characteristic_polynomial(zeta: float, W: float, a: float) -> Array:
         ahead = math.fsum((-a) ** n / math.factorial(n + 2) for n in range(8))
         behind = math.fsum((-a) ** n * (n + 1) / math.factorial(n + 2) for n in range(8))
     else:
-        ahead, behind = (a - 1.0 + E) / a**2, (1.0 - E - a * E) / a**2
+        ahead, behind = (a - 1.0 + E) / (a * a), (1.0 - E - a * E) / (a * a)
     plant = np.convolve(np.convolve([1.0, 0.0], np.convolve([1.0, -1.0], [1.0, -1.0])), [1.0, -E])
     loop = np.convolve(np.convolve([c + W**2, -c], [1.0 + a, -1.0]), [ahead, behind])
     return np.asarray(plant + np.concatenate((np.zeros(plant.size - loop.size), loop)), dtype=np.float64)
@@ -93,7 +91,12 @@ def closed_form_limits(W: float) -> tuple[float, float]:
 
 
 def linear_limits(W: float, a: float) -> tuple[float, float]:
-    """Smallest and largest stable damping ratio at W = omega_n*T and a = alpha*T by Jury's test; NaN without any."""
+    """Smallest and largest stable damping ratio at W = omega_n*T and a = alpha*T by Jury's test; NaN without any.
+
+    Raises DescriptionError for values that no sampled loop has.
+    """
+    if not (0.0 < W < math.pi and 0.0 < a < math.inf):
+        raise DescriptionError(f"omega_n*T_s = {W:g}, alpha*T_s = {a:g}: must be above 0, and omega_n*T_s below pi.")
     low, high = closed_form_limits(W)
     centres = [math.sqrt(low * high)] if math.isfinite(low) else []
     centres += [float(zeta) for zeta in np.geomspace(1e-3, 1e3, 400)]
@@ -175,41 +178,6 @@ def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float
 
 
 # Practical
-
-
-@dataclass(frozen=True)
-class Oscillation:
-    """The oscillation at the end of a step response."""
-
-    size: float
-    """Peak to peak over the last quarter, trend removed, in the unit of the signal."""
-    frequency: float
-    """Frequency in Hz."""
-    sustained: bool
-
-
-def oscillation(time: Array, signal: Array, *, swing: float = SWING) -> Oscillation:
-    """Whether a signal still oscillates at the end of the record.
-
-    The linear trend of each quarter is removed. The signal oscillates if the peak-to-peak value of the last quarter is
-    above ``swing`` and at least 0.8 times that of the quarter before, and if the last quarter crosses zero 8 times. The
-    third condition excludes a slow creep. ``time`` is in s, ``swing`` in the unit of the signal.
-    """
-    quarter = time.size // 4
-    if quarter < 16:
-        raise DescriptionError(f"{time.size} samples are too few to judge an oscillation.")
-
-    def detrended(part: slice) -> Array:
-        t, y = time[part] - time[part][0], signal[part]
-        slope, offset = cast("tuple[float, float]", np.polyfit(t, y, 1))
-        return y - (slope * t + offset)
-
-    before, last = detrended(slice(-2 * quarter, -quarter)), detrended(slice(-quarter, None))
-    size, earlier = float(np.ptp(last)), float(np.ptp(before))
-    signs = np.signbit(last)
-    crossings = int(np.count_nonzero(signs[1:] != signs[:-1]))
-    frequency = 0.5 * crossings / (quarter * float(time[1] - time[0]))
-    return Oscillation(size, frequency, size > swing and size >= KEPT * earlier and crossings >= CROSSINGS)
 
 
 def practical_limit(
@@ -372,7 +340,8 @@ def limit_map(
     ultimate: dict[str, float] = {}
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
-    with Worker() as worker:
+    integrals = _integral_gains(system, cases, integral, T_s, K)
+    with Worker() as worker, _told_if_ended(ultimate, points):
         trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
         for case in cases:
             unstable = trials.oscillates({**case.overrides, integral: 0.0})
@@ -382,20 +351,61 @@ def limit_map(
             ultimate[case.name] = limit.value
             runs += limit.runs
             progress(len(ultimate) + len(points), total)
-            for w in case.W:
-                unstable = trials.oscillates({**case.overrides, integral: (w / T_s) ** 2 / (case.alpha * K)})
+            for w, integral_gain in zip(case.W, integrals[case.name], strict=True):
+                unstable = trials.oscillates({**case.overrides, integral: integral_gain})
                 first = start_share * limit.value
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
-                at_once = math.isnan(searched.stable)
-                linear = linear_limits(w, case.alpha * T_s)[1]
-                practical, simulated = (
-                    practical_zeta(value, w, alpha=case.alpha, K=K, T_s=T_s)
-                    for value in (limit.value, first if at_once else searched.value)
-                )
-                points.append(MapPoint(case.name, w, linear, practical, simulated, at_once))
+                points.append(_map_point(case, w, limit.value, first, searched, K=K, T_s=T_s))
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
+
+
+def _map_point(
+    case: Case, w: float, ultimate: float, first: float, searched: Limit, *, K: float, T_s: float
+) -> MapPoint:
+    """The limits of a case at W = ``w``; ``first`` is the gain at which the search began."""
+    at_once = math.isnan(searched.stable)
+    practical, found = (
+        practical_zeta(gain, w, alpha=case.alpha, K=K, T_s=T_s)
+        for gain in (ultimate, first if at_once else searched.value)
+    )
+    return MapPoint(case.name, w, linear_limits(w, case.alpha * T_s)[1], practical, found, at_once)
+
+
+@contextlib.contextmanager
+def _told_if_ended(ultimate: Mapping[str, float], points: Sequence[MapPoint]) -> Generator[None]:
+    """Log what was found so far if the search of the limits ends early."""
+    try:
+        yield
+    except (KeyboardInterrupt, CosimError):
+        told = [f"ultimate gain of {case} {value:.6g}" for case, value in ultimate.items()]
+        told += [f"damping ratio of {point.case} at W = {point.W:g} {point.found:.4g}" for point in points]
+        if told:
+            _log.warning("ended early. Found so far: %s", "; ".join(told))
+        raise
+
+
+def _integral_gains(
+    system: System, cases: Sequence[Case], integral: str, T_s: float, K: float
+) -> dict[str, list[float]]:
+    """The integral gain of each case at each of its W.
+
+    Raises DescriptionError, before the first run, for all start values of cases that are wrong.
+    """
+    gains: dict[str, list[float]] = {}
+    problems: dict[str, None] = {}
+    for case in cases:
+        with np.errstate(all="ignore"):  # An infinite gain is a wrong start value.
+            gains[case.name] = cast("list[float]", (np.square(np.divide(case.W, T_s)) / (case.alpha * K)).tolist())
+        for gain in (0.0, *gains[case.name]):
+            try:
+                system.changed({**case.overrides, integral: gain})
+            except DescriptionError as error:
+                problems |= {f"case {case.name}: {problem}": None for problem in error.problems}
+    if problems:
+        raise DescriptionError(list(problems))
+    return gains
 
 
 @dataclass(frozen=True)

@@ -41,19 +41,19 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import DescriptionError
 from ..extras import require
 from .batch import Job, run_batch
 from .crew import BatchLost, Cluster, Crew, Threads
 from .dataset import DATA_SET, DataSet, RunRow
 from .plan import Sweep, read_sweep
-from .workers import Limit, unload
+from .workers import Limit, check_workers, unload
 
 BATCH_SECONDS = 1.0
 """Time of the runs in one batch: long compared with the overhead of a batch, but short enough to lose little work when
 a sweep is interrupted."""
 
 MAX_BATCH = 500
+"""Largest number of runs in a batch, however short they are: progress is reported and kept batch by batch."""
 
 DEATHS = 2
 """A run has failed if this many workers of a cluster died during it."""
@@ -122,8 +122,8 @@ def sweep(
     the FMUs cannot be loaded, ClusterError if the cluster is lost, KeyboardInterrupt. Rows written so far are kept, and
     the same call continues from them.
     """
-    if workers is not None and workers < 0:
-        raise DescriptionError(f"workers: {workers} is not a number of processes. Give 1 or more, or 0 for this one.")
+    if workers is not None:
+        check_workers(workers, least=0)
     plan = path if isinstance(path, Sweep) else read_sweep(path, fmus=fmus)
     require("pyarrow", DATA_SET)
     folder = Path(output) if output is not None else Path("results") / "sweeps" / Path(plan.name).stem

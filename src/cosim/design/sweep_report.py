@@ -24,8 +24,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NOT_FIGURES = ("run", "seconds", "error")
+"""Columns of a data set that are no figures of merit."""
 MAX_PAIRS = 6
+"""Largest number of pairs of parameters that get a map for each figure: all pairs of four parameters."""
 SHOWN = 10
+"""Largest number of best runs, and of failed runs, in a table of the report."""
 
 
 def write_report(folder: Path) -> Path:

@@ -182,7 +182,7 @@ def add_items(parent: Element, choice: type[Choice]) -> None:
         SubElement(parent, "Item", name=item.name, value=str(item.number), description=item.description)
 
 
-def classes(variable: InterfaceVariable) -> tuple[str, str, str | None]:
+def _classes(variable: InterfaceVariable) -> tuple[str, str, str | None]:
     """Causality, variability and ``initial`` of a variable."""
     return {
         "fixed": ("parameter", "fixed", "exact"),
@@ -196,11 +196,12 @@ def classes(variable: InterfaceVariable) -> tuple[str, str, str | None]:
     }[variable.role]
 
 
-def _scalar_variable(variable: InterfaceVariable) -> Element:
-    causality, variability, initial = classes(variable)
+def variable_element(tag: str, name: str, variable: InterfaceVariable) -> Element:
+    """An element with the attributes that all variables have, in FMI 2.0 and 3.0."""
+    causality, variability, initial = _classes(variable)
     element = Element(
-        "ScalarVariable",
-        name=variable.name,
+        tag,
+        name=name,
         valueReference=str(variable.reference),
         description=variable.description,
         causality=causality,
@@ -208,6 +209,11 @@ def _scalar_variable(variable: InterfaceVariable) -> Element:
     )
     if initial:
         element.set("initial", initial)
+    return element
+
+
+def _scalar_variable(variable: InterfaceVariable) -> Element:
+    element = variable_element("ScalarVariable", variable.name, variable)
     value = SubElement(element, variable.type)
     starts = variable.role in ("fixed", "tunable", "input")
     if variable.type == "Real":

@@ -11,13 +11,13 @@ from .fmi2_xml import (
     add_experiment,
     add_items,
     add_units,
-    classes,
     dependencies,
     description_root,
     number,
     set_real_attributes,
     set_whole_bounds,
     used_types,
+    variable_element,
 )
 from .interface import InterfaceVariable, fmi3_variables
 from .trace import Trace
@@ -72,17 +72,8 @@ def model_description3(trace: Trace, token: str, version: str) -> bytes:
 def _variable(group: tuple[InterfaceVariable, ...]) -> Element:
     variable = group[0]
     tag = {"Real": "Float64", "Integer": "Int32"}.get(variable.type, variable.type)
-    causality, variability, initial = classes(variable)
-    element = Element(
-        "UInt64" if variable.role == "counter" else tag,
-        name=variable.array if len(group) > 1 and variable.array else variable.name,
-        valueReference=str(variable.reference),
-        description=variable.description,
-        causality=causality,
-        variability=variability,
-    )
-    if initial:
-        element.set("initial", initial)
+    name = variable.array if len(group) > 1 and variable.array else variable.name
+    element = variable_element("UInt64" if variable.role == "counter" else tag, name, variable)
     if variable.type == "Real":
         set_real_attributes(element, variable)
         if variable.state is not None:

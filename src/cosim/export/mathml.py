@@ -46,7 +46,7 @@ _RELATIONS = {"=", "==", "!=", "<", ">", "<=", ">="}
 _BINARY = {"+", "-", "*", "/", "^", "**", "...", *_RELATIONS}
 _PREFIXES = {"+", "-", "+-"}
 NAME_WORDS = 4
-"""Largest number of words in the name of a quantity."""
+"""Largest number of words in the name of a quantity, as in "load side angular velocity". More words are text."""
 _BEFORE = "what_precedes"
 _OPENING = {"(": ")", "[": "]"}
 

@@ -11,8 +11,6 @@ import os
 import re
 import stat
 import sys
-import zipfile
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -24,13 +22,13 @@ from typing import Any
 
 from ..errors import DescriptionError
 from ..units import Unit, resolve_unit
-from .archive import checked_members, repeated, unpack
+from .archive import checked_members, opened, repeated, unpack
 from .reading import read_description
 from .text import no_such_file
 from .variables import Variable, read_dependencies, read_variables
 
 MAX_DESCRIPTION_BYTES = 64 * 2**20
-
+"""Largest size in bytes of modelDescription.xml: some 200 000 variables. A parser needs many times as much memory."""
 
 ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:\s*,\s*\d+)*)\]")
 """Name of an array element: ``a[1]``, or ``a[1,2]`` in an array of two dimensions."""
@@ -123,7 +121,7 @@ class Fmu:
         if _stamp(self.path) != self._stamp:
             raise DescriptionError(f"{self.path} changed after it was read. Read the system again.")
         binaries = str(PurePosixPath(self.library).parent) + "/"
-        with zipfile.ZipFile(self.path) as archive:
+        with opened(self.path) as archive:
             unpack(archive, folder, lambda name: name.startswith((binaries, "resources/")), _single)
         # The FMU is told the path of this folder. Some FMUs open it even if they have no resources.
         (folder / "resources").mkdir(exist_ok=True)
@@ -170,30 +168,25 @@ def _stamp(path: Path) -> tuple[int, int]:
 @lru_cache(maxsize=256)
 def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
     content = path.read_bytes()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = checked_members(archive, _single)
-            names = [member.filename for member in members]
-            findings = [
-                f"'{name}' is in the archive more than once, with different content. The last counts."
-                for name in repeated(members)
-            ]
-            if "modelDescription.xml" not in names:
-                raise DescriptionError(f"{path.name}: no modelDescription.xml inside.{_instead(names)}")
-            member = archive.getinfo("modelDescription.xml")
-            if member.file_size > MAX_DESCRIPTION_BYTES:
-                raise DescriptionError(
-                    f"{path.name}: modelDescription.xml has {member.file_size / 2**20:.0f} MiB; "
-                    f"at most {MAX_DESCRIPTION_BYTES // 2**20} MiB are read."
-                )
-            xml = archive.read(member)
-            damaged = archive.testzip()
-            if damaged is not None:
-                raise DescriptionError(f"{path.name}: '{damaged}' is damaged. Build or download the FMU again.")
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        raise DescriptionError(
-            f"{path.name}: not a readable zip archive ({error}). Build or download the FMU again."
-        ) from None
+    with opened(path, content) as archive:
+        members = checked_members(archive, _single)
+        names = [member.filename for member in members]
+        findings = [
+            f"'{name}' is in the archive more than once, with different content. The last counts."
+            for name in repeated(members)
+        ]
+        if "modelDescription.xml" not in names:
+            raise DescriptionError(f"{path.name}: no modelDescription.xml inside.{_instead(names)}")
+        member = archive.getinfo("modelDescription.xml")
+        if member.file_size > MAX_DESCRIPTION_BYTES:
+            raise DescriptionError(
+                f"{path.name}: modelDescription.xml has {member.file_size / 2**20:.0f} MiB; "
+                f"at most {MAX_DESCRIPTION_BYTES // 2**20} MiB are read."
+            )
+        xml = archive.read(member)
+        damaged = archive.testzip()
+        if damaged is not None:
+            raise DescriptionError(f"{path.name}: '{damaged}' is damaged. Build or download the FMU again.")
     return _describe(path, stamp, hashlib.sha256(content).hexdigest(), xml, names, findings)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,16 +12,12 @@ from .text import named_path
 
 FMU_FOLDER = Path("build") / "fmus" / "native"
 
-
 SYSTEM_ENDINGS = (".toml", ".ssp", ".ssd")
-
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
-
 CHECKOUT = _PACKAGE.parents[1]
 """The folder of the source tree, if the package is an editable installation."""
-
 
 PREBUILT = _PACKAGE / "prebuilt"
 """FMUs that come with the installed package. A checkout does not have this folder."""
@@ -96,9 +93,9 @@ def shipped_file(path: str | Path, folder: str | Path = ".") -> Path:
     wanted = named_path(path, Path(folder))
     path = Path(path)
     name = path.relative_to("studies") if path.is_relative_to("studies") else path
-    places = () if wanted.exists() or path.is_absolute() else study_folders()
+    places = () if os.path.exists(wanted) or path.is_absolute() else study_folders()
     candidates = (place / f"{name.as_posix()}{ending}" for place in places for ending in ("", ".toml"))
-    return next(filter(Path.is_file, candidates), wanted)
+    return next(filter(os.path.isfile, candidates), wanted)
 
 
 def shipped_systems() -> dict[str, Path]:
@@ -131,6 +128,30 @@ def _is_system(path: Path) -> bool:
     except (OSError, ValueError):
         return True  # A damaged file is listed, so that its error is seen.
     return "instances" in document or "base" in document
+
+
+def base_name(text: str | Path, start: Path) -> str:
+    """What the file ``start`` says as its ``base`` in order to complete the system ``text``.
+
+    ``text`` is a path, relative to the folder of ``start`` or to the working folder, or the name of a system that comes
+    with cosim. Raises DescriptionError if there is no such system.
+    """
+    shipped = shipped_systems()
+    path = next((place for place in (start.parent / text, Path(text)) if place.is_file()), None)
+    if path is None:
+        name = str(text).removeprefix("studies/").removesuffix(".toml")
+        if name in shipped:
+            return name
+        raise DescriptionError(
+            f"base {text}: no such file, and no system that comes with cosim.{suggest(name, shipped)}"
+        )
+    for name, file in shipped.items():
+        if file.resolve() == path.resolve():
+            return name
+    try:
+        return Path(os.path.relpath(path.resolve(), start.resolve().parent)).as_posix()
+    except ValueError:  # another drive of Windows
+        return path.resolve().as_posix()
 
 
 def find_system(text: str, fmus: Path | None = None) -> Path:

@@ -8,7 +8,7 @@ import os
 import tomllib
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
 
@@ -82,7 +82,27 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     Raises DescriptionError if the file cannot be read or is not valid TOML.
     """
+    text = read_text(path)
     try:
-        return tomllib.loads(read_text(path), parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
+        document = tomllib.loads(text, parse_float=Decimal)
+        _check_characters(document)
+    except RecursionError:
+        raise DescriptionError(f"{path.name}: tables or lists are nested too deeply.") from None
+    except ArithmeticError:
+        raise DescriptionError(f"{path.name}: a number has an exponent that is too large.") from None
+    except ValueError as error:
+        # Also raised for whole numbers with thousands of digits.
         raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None
+    return document
+
+
+def _check_characters(value: Any) -> None:
+    """Raise ValueError if a text or key has the character U+0000, which no name and no path can have."""
+    if isinstance(value, str) and "\0" in value:
+        raise ValueError(f"{value!r} has the character U+0000")
+    if isinstance(value, dict):
+        _check_characters(list(cast("dict[str, Any]", value)))
+        value = list(cast("dict[str, Any]", value).values())
+    if isinstance(value, list):
+        for item in cast("list[Any]", value):
+            _check_characters(item)

@@ -18,7 +18,9 @@ WINDOW, ROWS_0, ROWS_1, DRAINED, STOP, IN_LOOP, CALLS, IN_CALL, STEPPING, FINISH
 _STATE = 32
 """Numbers reserved for the state of the loop, which has less (``loop.STATE_LENGTH``)."""
 _FLAGS = 16
+"""Numbers reserved for ``flags``, which has less. The header is then a multiple of 64 bytes, a line of the cache."""
 _TEXT = 512
+"""Bytes reserved for the names of the instance and function of the present FMI call."""
 _HEADER = 8 * (_STATE + _FLAGS) + _TEXT
 
 

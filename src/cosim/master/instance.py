@@ -25,25 +25,20 @@ from .board import Board
 
 fmpy: Any = import_module("fmpy")
 
-
 fmi1: Any = import_module("fmpy.fmi1")
-
 
 fmi2: Any = import_module("fmpy.fmi2")
 
-
 fmi_logging: Any = import_module("fmpy.logging")
 
-
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
-
+"""Names of the values of fmi2Status, in their order."""
 
 FATAL = 4
-
+"""Value of fmi2Status after which no function of an instance may be called."""
 
 TERMINATED, LAST_SUCCESSFUL_TIME = 3, 2
 """Values of fmi2StatusKind for fmi2GetBooleanStatus and fmi2GetRealStatus."""
-
 
 MAX_MESSAGES = 10_000
 """Largest number of messages kept for each instance and status in a run.
@@ -51,9 +46,8 @@ MAX_MESSAGES = 10_000
 The limit holds for each status alone, so that many OK messages cannot displace a warning.
 """
 
-
 MAX_TEXT = 10_000
-"""Largest number of characters kept of a message."""
+"""Largest number of characters kept of a message. A longer text is a dump of data, which nobody reads."""
 
 
 class RunError(SimulationError):
@@ -76,7 +70,8 @@ class CallError(RunError):
         self.function = function
         self.status = status
         said = f" The FMU said: {message}" if message else " The FMU gave no message."
-        returned = f"status {status}, which FMI does not know" if status.isdecimal() else f"{function[:4]}{status}"
+        known = not status.lstrip("-").isdecimal()
+        returned = f"{function[:4]}{status}" if known else f"status {status}, which FMI does not know"
         text = f"{instance}: {function} at {time:.9g} s returned {returned}.{said}{remedy}"
         super().__init__(text, time=time, message=message)
 

@@ -110,6 +110,7 @@ loop. ``REASON`` says why the loop stopped; ``STATUS``, ``FAILED_LINK`` and ``FA
 ``LAST_TIME`` holds the bits of a double: lastSuccessfulTime of the last fmi3DoStep.
 """
 STATE_LENGTH = 9
+"""Number of elements of ``state``."""
 
 DONE, CALL_FAILED, NOT_FINITE, OUT_OF_RANGE, TERMINATED, RETURNED_EARLY = range(6)
 """The reasons why the loop stopped, in this order:

@@ -28,12 +28,12 @@ from .tables import POINTS
 Progress = Callable[[float], None]
 """Called with the fraction of the run that is done, about twenty times a second at most."""
 
-
 CHUNK_SECONDS = 0.05
-
+"""Time between two looks at Ctrl-C and reports of progress: too short to notice, long beside the cost of a chunk."""
 
 MAX_PASSES = 50
-
+"""Largest number of passes of initialization. Without a loop through initial values, two are enough; a loop
+whose values still change after so many passes converges too slowly or not at all."""
 
 SOLVER = "solver."
 """Beginning of the names of solver counters. Their values at the end of a run are kept in the result."""

@@ -37,17 +37,14 @@ from .simulation import Simulation
 POINTS = 200
 """Largest number of communication points at which the outputs of a source are compared, spread over the run."""
 
-
 STEPS = 50
 """Number of steps before and after the change of an input, in the run that tells whether this input matters."""
-
 
 FACTORS = (1.01, 2.0, 0.5)
 """Factors on a start value. At least one of them must change an output.
 
 One is small; the others are large enough to pass a limit or a rounding.
 """
-
 
 SECONDS = 60.0
 """Longest time of a trial in s."""

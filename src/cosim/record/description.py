@@ -31,7 +31,7 @@ class Column:
 
 def description_path(csv: Path) -> Path:
     """The path of the description of a CSV file."""
-    return csv.with_name(f"{csv.name}-metadata.json")
+    return csv.parent / f"{csv.name}-metadata.json"
 
 
 def description_of(csv: Path, columns: Sequence[Column], metadata: Mapping[str, Any], size: int) -> bytes:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +14,17 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError, suggest
 from ..units import conversion
 from .csv import shortened
+from .frame import dataframe, listed, span
 from .header import TIME_NAMES, split_label, unit_text
+from .resample import UNEVEN, usual_step
 from .tables import TEXT, Table, open_table
 
 Array = NDArray[np.float64]
 
-UNEVEN = 0.1
-"""A step of time is reported if it differs by more than this fraction from the usual step.
 
-Rounding of the times in logs causes smaller differences.
-"""
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Record:
-    """The signals of a file: ``columns`` over ``time``, with one value for each sample."""
+    """The signals of a file: ``record["x"]`` is an array over ``record.time``, in ``record.units["x"]``."""
 
     path: Path
     time: Array
@@ -39,16 +36,32 @@ class Record:
     metadata: Mapping[str, object]
     """Other data in the file. The file of a run holds its system, versions, messages ..."""
 
+    def __repr__(self) -> str:
+        signals = listed(f"{name} [{self.units[name]}]" if self.units[name] else name for name in self.columns)
+        return f"<Record {self.path.name}: {span(self.time)}, every {self.step:.6g} s: {signals}>"
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a column. Raises DescriptionError if there is no column of this name."""
+        return self.column(name)
+
     def column(self, name: str) -> Array:
         """The values of a column. Raises DescriptionError if there is no column of this name."""
         if name not in self.columns:
             raise DescriptionError(f"{self.path}: no column '{name}'.{suggest(name, self.columns)}")
         return self.columns[name]
 
+    def to_dataframe(self, *, units: bool = False) -> Any:
+        """A pandas DataFrame over time; ``attrs`` holds the units and the metadata. With ``units`` names have units.
+
+        pandas is not a dependency of this package. Raises DescriptionError if it is not installed.
+        """
+        values = np.column_stack(list(self.columns.values()))
+        return dataframe(self.time, values, dict(self.units), self.metadata, in_names=units)
+
     @property
     def step(self) -> float:
-        """The usual step of time in s, the median; 0 for a single sample."""
-        return float(np.median(np.diff(self.time))) if self.time.size > 1 else 0.0
+        """The usual step of time in s: the mean if no step is uneven, else the median; 0 for a single sample."""
+        return usual_step(self.time)
 
     def uneven(self) -> str:
         """A sentence about steps of time that differ from the usual step; "" if all are equal."""

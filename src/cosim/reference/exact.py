@@ -28,14 +28,11 @@ from .fmi_ls_ref import Tolerance
 RELATIVE_TOLERANCE = 1e-10
 """Relative tolerance of Radau, far below the tolerance of every comparison."""
 
-
 STIMULI_DIGITS = 7
 """Significant digits of a stimulus. Stimuli are rounded before use, so that the file holds exactly the values used."""
 
-
 PLANT_TOLERANCE = 1e-9
 """Relative tolerance that a plant's experiment asks its solver for."""
-
 
 SHARES = {Plant: 1e-6, Controller: 1e-9, Source: 1e-9}
 """Relative tolerances of comparison. Plants: the error of the native and the Python integrator at a tolerance of 1e-9

@@ -29,21 +29,15 @@ from ..fmu.xml import document, parse
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 
-
 MANIFEST = "fmi-ls-manifest.xml"
-
 
 EXPERIMENTS = "experiments.exp"
 
-
 ANNOTATION = "motion-cosim"
-
 
 NAMESPACE = "urn:motion-cosim:references:1"
 
-
 MANIFEST_NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
-
 
 MANIFEST_ATTRIBUTES = {
     "fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
@@ -51,13 +45,10 @@ MANIFEST_ATTRIBUTES = {
     "fmi-ls-description": "Layered Standard providing information on related files included in an FMU.",
 }
 
-
 CSV_TYPE, SSV_TYPE, EXPERIMENTS_TYPE = "text/csv", "application/x-ssp-parameter-set", "application/x-ma-hs-experiments"
-
 
 EXPERIMENTS_TYPES = (EXPERIMENTS_TYPE, "application/x-ma-ls-experiments")
 """MIME types of an experiments file; the second one is of an earlier draft."""
-
 
 _lxml: Any = importlib.import_module("lxml.etree")
 

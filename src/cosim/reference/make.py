@@ -112,7 +112,6 @@ _TIMING = (
     "then, before new inputs are set."
 )
 
-
 _TIMING_OF_SOURCES = "The outputs of a row are those right after the step that ends at its time."
 
 

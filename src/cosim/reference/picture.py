@@ -27,18 +27,14 @@ if TYPE_CHECKING:
 COLUMNS = 4
 """Experiments side by side; more start new rows of panels."""
 
-
 SHOWN = 3
 """Number of signals drawn if none are chosen for an experiment."""
-
 
 SMALLEST = 1e-7
 """Share of the tolerance that is drawn for a difference of 0, since the axis is logarithmic."""
 
-
 WIDTHS = (6.0, 8.5, 10.5, 12.0)
 """Width of the picture in inches for 1 to 4 experiments side by side."""
-
 
 MARKED = 70
 """Most dots drawn of a signal; with more rows, only every second, third ... row gets a dot."""

@@ -48,14 +48,11 @@ DEFAULT_TOLERANCE = 1e-3
 Tools commonly call two traces with this difference the same.
 """
 
-
 DEFAULT_TIMEOUT = 60.0
 """Longest time of a run in s."""
 
-
 LAST_WORDS = 400
 """Number of characters shown of the last output of a failed FMU."""
-
 
 _lxml: Any = importlib.import_module("lxml.etree")
 

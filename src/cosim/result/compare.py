@@ -18,6 +18,7 @@ from ..record.read import Record
 from ..units import conversion
 from .align import Pairs, estimate_delay, pair, resample, side_of
 from .metrics import Array, max_abs, mean, nrmse_fit, relative_rms, rms, sine_amplitude
+from .picture import source_labels
 from .summary import Recorded, loops
 
 SEGMENTS = 8
@@ -72,7 +73,7 @@ class Spectrum:
     """Amplitude of this component, in the unit of the signal."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Difference:
     """A signal of both sides at common times, and its figures. Figures are NaN if a sample is not finite."""
 
@@ -99,6 +100,12 @@ class Difference:
     outside: Outside | None = None
     """None if all samples are inside, or without a tolerance."""
 
+    def __repr__(self) -> str:
+        return (
+            f"<Difference of {self.other} from {self.name}: largest {self.maximum:.4g} {self.unit} at {self.at:.6g} s, "
+            f"rms {self.rms:.4g} {self.unit}, fit {self.fit:.4g} %>"
+        )
+
     @property
     def difference(self) -> Array:
         """b - a."""
@@ -119,7 +126,7 @@ class Tracking:
     """Root mean square of the difference of the two errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """The comparison of two recordings; ``a`` and ``b`` are their labels."""
 
@@ -134,6 +141,10 @@ class Comparison:
     how: str
     """A phrase that says at which times both were compared, and which side was interpolated."""
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        found = "; ".join(f"{d.name}: rms {d.rms:.4g} {d.unit}, fit {d.fit:.4g} %" for d in self.differences)
+        return f"<Comparison of {self.b} with {self.a}: {found}>"
 
     @property
     def within(self) -> bool:
@@ -158,7 +169,7 @@ def compare(
     interpolation: Literal["linear", "hold"] = "linear",
     start: float = -math.inf,
     stop: float = math.inf,
-    labels: tuple[str, str] = ("a", "b"),
+    labels: tuple[str, str] | None = None,
 ) -> Comparison:
     """Compare ``b`` with the reference ``a``.
 
@@ -166,12 +177,15 @@ def compare(
     ``tolerance``: one for all signals, or by name in a.
     ``delay``: seconds by which b is moved back; ``"estimate"`` takes the delay with the best fit.
     ``start``, ``stop``: the times of a in s between which both are compared.
-    ``labels``: names of both sides in messages.
+    ``labels``: names of both sides in messages and pictures. Default as in ``cosim.plot``: system or file.
 
     Units are converted. If one side states no unit, it is taken to have the unit of the other side. The side with
     longer steps keeps its samples; the other side is interpolated at these times.
     Raises DescriptionError for names, units and times that do not fit together.
     """
+    if labels is None:
+        first, second = source_labels((a, b))
+        labels = first, second
     pairs = pair(side_of(a, labels[0]), side_of(b, labels[1]), signals)
     tolerances = _tolerances(tolerance, pairs.a.units)
     estimated = estimate_delay(pairs, everywhere=delay == "estimate")

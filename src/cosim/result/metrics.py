@@ -22,7 +22,6 @@ from ..errors import DescriptionError
 
 Array = NDArray[np.float64]
 
-
 QUADRANTS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
 """Angles in rad at which an axis of a circular path reverses: +X, +Y, -X, -Y."""
 

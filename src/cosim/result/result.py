@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +13,12 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
 from ..record.description import Column
+from ..record.frame import dataframe, listed, optional, span
 from ..record.write import RecordWriter
 
 if TYPE_CHECKING:
     from .picture import Picture
+    from .summary import Figure
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Message:
         return f"{self.time:.9g} s {self.instance} [{self.status}] {self.text}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """The record of a run: ``result["plant.position"]`` is an array over ``result.time``, in ``result.unit(...)``."""
 
@@ -57,6 +58,11 @@ class Result:
     def names(self) -> tuple[str, ...]:
         """Names of the recorded variables, ``instance.variable``."""
         return tuple(column.name for column in self.columns)
+
+    def __repr__(self) -> str:
+        signals = listed(f"{c.name} [{c.unit}]" if c.unit != "1" else c.name for c in self.columns)
+        ended = ", ended early" if self.partial else ""
+        return f"<Result of {self.metadata.get('system', 'a run')}: {span(self.time)}{ended}: {signals}>"
 
     @cached_property
     def _places(self) -> Mapping[str, int]:
@@ -95,26 +101,30 @@ class Result:
         With ``units`` the columns are named ``plant.position [m]``, as ``cosim.read_record`` reads them from a file.
         pandas is not a dependency of this package. Raises DescriptionError if it is not installed.
         """
-        pandas = _optional("pandas", "to_dataframe")
-        names = [f"{c.name} [{c.unit}]" if units and c.unit != "1" else c.name for c in self.columns]
-        index = pandas.Index(self.time, name="time [s]" if units else "time")
-        frame = pandas.DataFrame(self.rows, index=index, columns=names)
-        frame.attrs["units"] = {column.name: column.unit for column in self.columns}
-        frame.attrs["metadata"] = dict(self.metadata)
-        return frame
+        named = {column.name: column.unit for column in self.columns}
+        return dataframe(self.time, self.rows, named, self.metadata, in_names=units)
 
     def to_xarray(self) -> Any:
         """An xarray Dataset over ``time``; each variable has ``units`` and ``long_name``, ``attrs`` the metadata.
 
         xarray is not a dependency of this package. Raises DescriptionError if it is not installed.
         """
-        xarray = _optional("xarray", "to_xarray")
+        xarray = optional("xarray", "to_xarray")
         variables = {
             c.name: ("time", self[c.name], {"units": c.unit, "long_name": c.description or c.name})
             for c in self.columns
         }
         time = ("time", self.time, {"units": "s", "long_name": "Time"})
         return xarray.Dataset(variables, coords={"time": time}, attrs=dict(self.metadata))
+
+    def figures(self, start: float | None = None) -> list[Figure]:
+        """The figures of merit that ``cosim run`` prints: name, value, unit of each; a missing one has its ``reason``.
+
+        Tracking figures are those from ``start`` in s on (default: the second half of the run). Lengths are in um.
+        """
+        from .summary import summary
+
+        return summary(self, start)
 
     def plot(self, path: str | Path | None = None, *, signals: Sequence[str] | None = None) -> Picture:
         """A picture of the run: its loops, or the named ``signals``. A notebook shows it. It is written to ``path``.
@@ -151,11 +161,3 @@ class Result:
             "messages": [asdict(message) for message in self.messages],
             "dropped_messages": self.dropped_messages,
         }
-
-
-def _optional(package: str, method: str) -> Any:
-    """Import an optional package. Raises DescriptionError if it is not installed."""
-    try:
-        return import_module(package)
-    except ModuleNotFoundError:
-        raise DescriptionError(f"{method} needs {package}, which is not installed: pip install {package}.") from None

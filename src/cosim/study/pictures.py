@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,6 @@ from ..result import metrics, plots
 from . import expression
 from .study import Outcomes, Picture
 
-Draw = Callable[[Outcomes, Path], None]
 ERROR = "plant.position - trajectory.position"
 
 

@@ -22,17 +22,11 @@ ACCEPTED_TYPES = {
     "Enumeration": ("Enumeration", "Integer"),
 }
 """For each input type, the output types it accepts (lossless conversions only)."""
-
-
 ROUNDED = 5e-4
 """Largest relative difference of a rounded conversion from the exact one: 0.1047 for 0.10472 is rounded, 273 for 273.15
 is not."""
-
-
 SHOWN_CONNECTIONS = 3
 """Largest number of connections that a note lists."""
-
-
 KEYS = ("from", "to", "factor", "factors", "offset", "units", "noise")
 
 

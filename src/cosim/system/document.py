@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
-from ..fmu.places import shipped_systems
+from ..fmu.places import is_fmu_path, shipped_systems
 from ..fmu.text import named_path, read_toml
-from .values import decimal, flat_table
+from .values import decimal, flat_table, show_value
 
 
 def load_document(path: Path, parents: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -33,22 +33,28 @@ def load_document(path: Path, parents: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def _moved(document: dict[str, Any], source: Path, target: Path) -> dict[str, Any]:
-    """A document from the folder ``source``, changed so that its signals name the same files from ``target``."""
-    signals = document.get("signals")
-    if source.resolve() == target.resolve() or not isinstance(signals, Mapping):
+    """A document from the folder ``source``, changed so that it names the same records and FMUs from ``target``."""
+    if source.resolve() == target.resolve():
         return document
-    tables: dict[str, Any] = dict(cast("Mapping[str, Any]", signals))
-    for name, table in tables.items():
-        items: Mapping[str, Any] = cast("Mapping[str, Any]", table) if isinstance(table, Mapping) else {}
-        if isinstance(items.get("file"), str):
-            tables[name] = {**items, "file": str(named_path(items["file"], source.resolve()))}
-    return {**document, "signals": tables}
+    moved = dict(document)
+    for section, key in (("signals", "file"), ("instances", "fmu")):
+        entries = document.get(section)
+        if not isinstance(entries, Mapping):
+            continue
+        tables: dict[str, Any] = dict(cast("Mapping[str, Any]", entries))
+        for name, table in tables.items():
+            items: Mapping[str, Any] = cast("Mapping[str, Any]", table) if isinstance(table, Mapping) else {}
+            file = items.get(key)
+            if isinstance(file, str) and (section == "signals" or is_fmu_path(file)):
+                tables[name] = {**items, key: str(named_path(file, source.resolve()))}
+        moved[section] = tables
+    return moved
 
 
 def _base(path: Path, base: object) -> Path:
     """The file that ``base`` names in the file ``path``."""
     if isinstance(base, str):
-        if Path(base).name == base:
+        if Path(base).name == base or (path.parent / base).is_file():
             return path.parent / base
         shipped = shipped_systems()
         name = base.removeprefix("studies/").removesuffix(".toml")
@@ -58,8 +64,8 @@ def _base(path: Path, base: object) -> Path:
     else:
         hint = ""
     raise DescriptionError(
-        f"{path.name}: base: give the name of a file in the same folder, or of a system that comes with cosim, such "
-        f"as shams2010/fsmc_5sin.{hint}"
+        f"{path.name}: base: {show_value(base)} is no file, and no system that comes with cosim, such as "
+        f"shams2010/fsmc_5sin. Give a path relative to {path.name}.{hint}"
     )
 
 

@@ -100,7 +100,7 @@ class SystemData(Table):
     """A system file; with ``base`` it completes another one."""
 
     base: Text | None = None
-    """A system file that this file completes: one of the same folder, or ``shams2010/fsmc_5sin`` that comes along."""
+    """A system file that this file completes: its path from here, or a name such as ``shams2010/fsmc_5sin``."""
     description: Annotated[str, Field()] = ""
     """One line about the system; pictures and reports show it."""
     connections: list[Arrow | ConnectionData] = Field(default_factory=list[Arrow | ConnectionData])

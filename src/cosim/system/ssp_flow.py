@@ -15,7 +15,6 @@ from .ssp_values import Given, linear, other_transformation, scaled, transformed
 SOURCES = ("output", "calculatedParameter")
 TARGETS = ("input", "parameter")
 
-
 REMEDY = "Define it in ssd:Units, or set suppressUnitConversion."
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 ANNOTATION = "motion-cosim"
 
-
 NAMESPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
     "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
@@ -17,7 +16,6 @@ NAMESPACES = {
     "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
     "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
 }
-
 
 lxml_etree: Any = importlib.import_module("lxml.etree")
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import atexit
 import contextlib
 import hashlib
-import io
 import os.path
 import re
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -20,19 +18,16 @@ import fmpy.ssp
 
 from ..errors import DescriptionError, suggest
 from ..files import temporary_folder
-from ..fmu.archive import unpack
+from ..fmu.archive import opened, unpack
 from ..fmu.xml import parse
 from .ssp_names import NAMESPACES, lxml_etree, tag
 
 DESCRIPTION = "SystemStructure.ssd"
 """The file of a package that describes its system."""
 
-
 _schemas = Path(fmpy.ssp.__file__).parent / "schema"
 
-
 _unpacked: dict[str, Path] = {}
-
 
 _folders = contextlib.ExitStack()
 """Folders of unpacked packages, which last as long as the process."""
@@ -131,12 +126,8 @@ def _unpack(path: Path) -> Path:
     if digest not in _unpacked:
         with contextlib.ExitStack() as resources:
             folder = resources.enter_context(temporary_folder())
-            try:
-                with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-                    archive.filename = path.name
-                    unpack(archive, folder)
-            except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
-                raise DescriptionError(f"{path.name}: not a readable zip archive ({error}).") from None
+            with opened(path, packed) as archive:
+                unpack(archive, folder)
             _unpacked[digest] = folder
             _folders.push(resources.pop_all())
     return _unpacked[digest]

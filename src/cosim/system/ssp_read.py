@@ -26,9 +26,8 @@ from .ssp_values import ParameterValues, linear, other_transformation, typed_val
 
 FMU = "application/x-fmu-sharedlibrary"
 
-
 SHOWN_NAMES = 20
-"""Largest number of instance names that a note lists."""
+"""Largest number of instance names that a note lists: about three lines."""
 
 
 @dataclass(frozen=True)

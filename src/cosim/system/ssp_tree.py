@@ -18,7 +18,6 @@ from .ssp_names import local_name, tag
 Path = tuple[str, ...]
 """The names of the elements on the way from the top system to an element; () is the top system itself."""
 
-
 End = tuple[Path, str]
 """A connector, or a variable, of an element."""
 

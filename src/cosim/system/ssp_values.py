@@ -7,13 +7,13 @@ If a variable has several values, the value at the outer element counts; at one 
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
+from ..fmu.archive import opened
 from .ssp_names import local_name, lxml_etree, tag
 from .ssp_package import Package, read_document
 from .ssp_tree import End, Part
@@ -21,7 +21,6 @@ from .ssp_units import ConnectorUnits, NamedUnit, conversion, defined_units
 
 SET = "application/x-ssp-parameter-set"
 MAPPING = "application/x-ssp-parameter-mapping"
-
 
 SHOWN_NAMES = 3
 """Largest number of unknown names that a note lists."""
@@ -193,11 +192,12 @@ class ParameterValues:
         """The content of a file beside the SSD, or inside the FMU of a component. Raises DescriptionError."""
         try:
             if base == "component" and part.fmu is not None:
-                with zipfile.ZipFile(part.fmu.path) as archive:
-                    return archive.read(self.package.path(source).removeprefix("./"))
+                with opened(part.fmu.path) as archive:
+                    member = self.package.path(source).removeprefix("./")
+                    if member not in archive.namelist():
+                        raise DescriptionError(f"file '{source}' is not in {part.fmu.path.name}.")
+                    return archive.read(member)
             return (self.package.folder / self.package.file(source)).read_bytes()
-        except KeyError:
-            raise DescriptionError(f"file '{source}' is not in {part.fmu.path.name if part.fmu else ''}.") from None
         except OSError as error:
             raise DescriptionError(f"file '{source}' cannot be read ({error.strerror}).") from None
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 PARAMETER_SET = "start"
 """Name of every parameter set. Some importers apply only the parameter sets of one name, which the user gives."""
 
-
 GENERATION_DATE = "2026-01-01T00:00:00Z"
 """Fixed, so that equal systems give equal bytes."""
 

@@ -2,8 +2,8 @@
 
 A system file is TOML::
 
-    base = "common.toml"                      # optional: the file that this file completes; it is in the same folder,
-                                              # or is a system that comes with cosim, such as "shams2010/fsmc_5sin"
+    base = "common.toml"                      # optional: the file that this file completes; relative to this file,
+                                              # or a system that comes with cosim, such as "shams2010/fsmc_5sin"
     description = "Two lags in a row"
     connections = [
         "source.position -> controller.position_ref",
@@ -70,7 +70,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -89,13 +89,13 @@ from .parts import Connection, Instance, Order, Ports, SignalSource
 from .record import recorded_variables
 from .samples import check_steps
 from .single import fmu_document, full_names
-from .values import fraction, start_value
+from .values import fraction, show_value, start_value
 
 KEYS = ("description", "connections", "experiment", "instances", "signals", "record")
 """The tables and keys at the top of a system file."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class System:
     """A checked system; ``read_system`` and ``make_system`` create it."""
 
@@ -116,11 +116,18 @@ class System:
     decimation: int
     notes: tuple[str, ...]
     """Remarks on things that are legal but may surprise."""
-    notes_of_file: tuple[str, ...] = field(repr=False)
+    notes_of_file: tuple[str, ...]
     """The part of ``notes`` that was found while the file was read."""
-    document: Mapping[str, Any] = field(repr=False)
-    folder: Path = field(repr=False)
-    fmus: Path | None = field(repr=False)
+    document: Mapping[str, Any]
+    folder: Path
+    fmus: Path | None
+
+    def __repr__(self) -> str:
+        instances = ", ".join(f"{instance.name} ({instance.fmu.name})" for instance in self.instances)
+        return (
+            f"<System {self.name}: {instances}; {self.steps} steps of {float(self.step_size):g} s "
+            f"from {float(self.start_time):g} s to {float(self.stop_time):g} s>"
+        )
 
     @cached_property
     def digest(self) -> str:
@@ -285,6 +292,9 @@ def _checked(
     """
     findings = Findings(name, problems)
     findings.known_keys("", document, KEYS)
+    description = document.get("description", "")
+    if not isinstance(description, str):
+        findings.problem("description", f"must be a text, not {show_value(description)}.")
     instances = read_instances(document, Places(folder, fmus), findings)
     signals, experiment = _signals_and_experiment(document, instances, folder, findings)
     ports: dict[str, Ports] = {**{name: instance.fmu for name, instance in instances.items()}, **signals}
@@ -306,7 +316,7 @@ def _checked(
         raise DescriptionError(list(dict.fromkeys(findings.problems)))
     return System(
         name=name,
-        description=str(document.get("description", "")),
+        description=str(description),
         instances=tuple(instances.values()),
         signals=tuple(signals.values()),
         connections=connections,

@@ -10,14 +10,19 @@ from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Any, cast
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, clipped, suggest
+from ..fmu.description import Fmu
 from ..fmu.variables import Value, Variable
+from ..units import parse_unit
 
 _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
 
-
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """A number as people type it. TOML is stricter: it needs digits on both sides of the point, and no leading zeros."""
+
+
+_QUANTITY = re.compile(rf"(?P<number>(?>{_NUMBER.pattern}))\s*(?P<unit>([^\W\d_]|[%°\[]|1/).*)")
+"""A number with a unit, such as ``10 mm`` or ``5 1/s``."""
 
 
 RANGES = {
@@ -27,6 +32,8 @@ RANGES = {
 }
 """Smallest and largest value of each integer type of FMI."""
 
+MOST_DIGITS = 300
+"""Largest number of digits of a fraction. Doubles have numbers up to 1.8e308."""
 
 WHOLE = 4e-15
 """Largest relative distance from a whole number.
@@ -54,11 +61,11 @@ def parse_settings(items: Sequence[str]) -> dict[str, object]:
 
 def parse_value(text: str) -> object:
     """A value from the command line: a number, else a TOML value, else the text itself (an enumeration item)."""
-    if _NUMBER.fullmatch(text):
-        return Decimal(text)
     try:
+        if _NUMBER.fullmatch(text):
+            return Decimal(text)
         return tomllib.loads(f"value = {text}", parse_float=Decimal)["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, ArithmeticError, RecursionError):
         return text
 
 
@@ -90,10 +97,13 @@ def decimal(value: object) -> Decimal | None:
 def fraction(value: object) -> Fraction | None:
     """A finite number, exactly as it is written, or a text such as ``"1/30"``; None for everything else."""
     if isinstance(value, str):
-        match = _FRACTION.fullmatch(value)
+        match = _FRACTION.fullmatch(value) if len(value) <= MOST_DIGITS else None
         return Fraction(match[1]) / Fraction(match[2]) if match and Fraction(match[2]) else None
     number = decimal(value)
-    return Fraction(number) if number is not None and number.is_finite() else None
+    # As a fraction, a number with an exponent of millions would fill the memory.
+    if number is None or not number.is_finite() or abs(number.adjusted()) > MOST_DIGITS:
+        return None
+    return Fraction(number)
 
 
 def whole(ratio: Fraction) -> int | None:
@@ -103,12 +113,12 @@ def whole(ratio: Fraction) -> int | None:
 
 
 def show_value(value: object) -> str:
-    """A value as it is written in a system file."""
+    """A value as it is written in a system file. Of a long one, only the beginning is shown."""
     if isinstance(value, str):
-        return f'"{value}"'
+        return f'"{clipped(value)}"'
     if isinstance(value, bool):
         return str(value).lower()
-    return str(value)
+    return clipped(str(value))
 
 
 def show_start(variable: Variable, value: Value) -> str:
@@ -129,6 +139,29 @@ def is_numeric(variable: Variable) -> bool:
     return variable.type not in ("String", "Binary", "Clock")
 
 
+def in_unit_of(fmu: Fmu, variable: Variable, given: object) -> tuple[object, str]:
+    """A value that is given with a unit, such as ``"10 mm"``, as a number in the unit of the variable, and "".
+
+    Every other value is returned as it is. If the unit cannot be converted, the second item is a sentence.
+    """
+    match = _QUANTITY.fullmatch(given.strip()) if isinstance(given, str) and variable.type == "Real" else None
+    if match is None:
+        return given, ""
+    number, name = Decimal(match["number"]), match["unit"]
+    unit, wanted = fmu.unit(name), fmu.unit(variable.unit or "1")
+    if unit is None:
+        try:
+            parse_unit(name)
+        except DescriptionError as error:
+            return given, f"{show_value(given)}: {error}"
+    said = f"The unit is {variable.unit}." if variable.unit else "The variable has no unit: give a number."
+    factors = None if unit is None or wanted is None else unit.conversion(wanted)
+    if factors is None:
+        return given, f"{show_value(given)}: '{name}' cannot be converted. {said}"
+    factor, offset = (Decimal(repr(value)) for value in factors)
+    return number * factor + offset, ""
+
+
 def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
     """The start value for ``variable`` and ""; or None and a sentence about what is wrong with it."""
     kind, unit = variable.type, unit_suffix(variable)
@@ -146,9 +179,11 @@ def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
         given = float(ratio)
     number = None if isinstance(given, str) else decimal(given)
     if number is None:
-        comma = (
-            " Write it with a point." if isinstance(given, str) and _NUMBER.fullmatch(given.replace(",", ".")) else ""
-        )
+        comma = ""
+        if isinstance(given, str) and _NUMBER.fullmatch(given):
+            comma = " Write it without quotes."
+        elif isinstance(given, str) and _NUMBER.fullmatch(given.replace(",", ".")):
+            comma = " Write it with a point."
         said = f"{show_value(given)} is not a number."
         return None, said + comma + (f" The unit is {variable.unit}." if unit else "")
     if not number.is_finite() or not math.isfinite(float(number)):

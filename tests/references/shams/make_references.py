@@ -75,8 +75,6 @@ CHOICES = {
     "friction_velocity": ("reference", "measured", "none"),
     "velocity_source": ("input", "difference"),
 }
-P = {name: i for i, name in enumerate(PLANT)}
-C = {name: i for i, name in enumerate(CONTROLLER)}
 (S0, S1, S2, FC, FS, VS, FCN, FSN, S2N, SCALE, DA, DF, PMAX, RES, BP, BN, X0, V0, Z0) = range(len(PLANT))
 (LAM, H0, H1, H2, HC, HS, HV, T2, PHI, ETA, GS, GC, GU, CMAX, TAU, FV, SRC, LAW) = range(len(CONTROLLER))
 

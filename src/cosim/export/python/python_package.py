@@ -95,7 +95,6 @@ class Instance(_Instance, Fmi2Slave):
     kind = {name}
 '''
 
-
 _DEPENDENCIES = """\
 External dependencies of {name} (FMI 2.0.4, section 2.2)
 

@@ -25,7 +25,6 @@ fraction.
 
 Fraction = tuple[float, float]
 """Number of ticks in a step, and number of ticks in a sampling time; (0, 0) if there is no such fraction."""
-NONE: Fraction = (0.0, 0.0)
 
 
 def fraction_of(step: float, T_s: float, slack: float) -> Fraction:
@@ -42,7 +41,7 @@ def fraction_of(step: float, T_s: float, slack: float) -> Fraction:
         if rest == whole:
             break
         rest = 1.0 / (rest - whole)
-    return NONE
+    return 0.0, 0.0
 
 
 def whole_if_near(number: float, slack: float) -> float:
