@@ -63,9 +63,6 @@ def test_a_fraction_is_the_double_next_to_it(tmp_path: Path) -> None:
         ("0.1", '"0.1" is not a finite number of seconds.'),
         ("-1/30", "-1/30 s must be positive."),
         ("1/30 s", '"1/30 s" is not a finite number of seconds.'),
-        (Decimal("1e-320"), "a time must be 0 or lie between 1e-18 s and"),
-        (Decimal("1e400"), "1E+400 is not a finite number of seconds."),
-        ("1e400/3", '"1e400/3" is not a finite number of seconds.'),
     ],
 )
 def test_steps_that_are_none(tmp_path: Path, step: object, text: str) -> None:
