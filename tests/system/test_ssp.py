@@ -306,7 +306,7 @@ def test_what_cannot_be_read_is_said(native: Path, tmp_path: Path, changes: dict
         read_ssp(foreign(tmp_path, native, **changes))
 
 
-@pytest.mark.parametrize("member", ["../evil", "/evil", "a\\b"])
+@pytest.mark.parametrize("member", ["../evil", "/evil", "..\\evil"])
 def test_hostile_archive_is_refused(tmp_path: Path, member: str) -> None:
     path = tmp_path / "evil.ssp"
     with zipfile.ZipFile(path, "w") as archive:
