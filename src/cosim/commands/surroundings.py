@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import os
 import sys
 import tempfile
 
 from ..errors import DescriptionError
-
-FULL = (errno.ENOSPC, errno.EDQUOT)
+from ..files import FULL
 
 
 def prepare_streams() -> None:
