@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fmu_files import PROBE, probe_library, write_fmu, write_gain, write_probe
+from fmu_files import PROBE, Variable, probe_library, write_fmu, write_gain, write_probe
 
 from cosim.commands.cli import main
 from cosim.master.trial import try_system
@@ -159,6 +159,34 @@ def test_a_forgotten_input_is_told_with_the_output_that_fits(native: Path, tmp_p
     assert not any("would fit" in note for note in notes(cosim, path, "--fmus", native, *given))
 
 
+def test_a_forgotten_output_of_a_trajectory_is_told(native: Path, tmp_path: Path, cosim: Call) -> None:
+    """Feed-forward from position_next = 0 would command -position/T_s; a measured position comes from the plant."""
+    wires = ["trajectory.position -> controller.position_ref", "plant.position -> controller.motor_position"]
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        f"connections = {json.dumps([*wires, 'controller.command -> plant.command'])}\n"
+        'experiment = { stop_time = 0.1, step_size = 2.5e-4 }\ninstances.trajectory.fmu = "Trajectory"\n'
+        'instances.controller.fmu = "CascadePid"\ninstances.plant.fmu = "BallscrewStage"\n',
+        encoding="utf-8",
+    )
+    fitting = [note for note in notes(cosim, path, "--fmus", native) if "would fit" in note]
+    assert any("'position_next' is not connected" in n and "trajectory.position_next would fit" in n for n in fitting)
+    assert any("'position' is not connected" in n and "plant.position would fit" in n for n in fitting)
+
+
+def test_noise_is_told_with_its_unit(native: Path, tmp_path: Path, cosim: Call) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'experiment = { stop_time = 0.1, step_size = 1e-3 }\ninstances.controller.fmu = "CascadeP"\n'
+        'instances.plant.fmu = "BallscrewStage"\n'
+        '[[connections]]\nfrom = "plant.position"\nto = "controller.position"\nnoise = { rms = 2e-9, seed = 1 }\n',
+        encoding="utf-8",
+    )
+    code, out, _ = cosim("check", path, "--fmus", native)
+    assert code == 0
+    assert "plant.position -> controller.position (noise of 2e-09 m rms)" in out
+
+
 def test_an_input_that_the_parameters_switch_off_is_not_forgotten(native: Path, cosim: Call) -> None:
     """The controller differentiates the position: its input velocity does nothing."""
     difference = notes(cosim, "maeda2008/step", "--fmus", native)
@@ -203,6 +231,27 @@ def test_samples_that_the_step_does_not_meet(native: Path, cosim: Call, step: st
     text = f"it takes {samples} samples a step with inputs that do not change"
     assert any(text in note for note in found) == (samples is not None)
     assert any("samples a step" in note for note in found) == (samples is not None)
+
+
+@pytest.mark.parametrize(("sampling", "samples"), [("1", 2), ("20", 1), ("0.05", None), ("1e-3", None)])
+def test_a_controller_that_hardly_samples_is_told(
+    native: Path, cosim: Call, sampling: str, samples: int | None
+) -> None:
+    setting = ("--set", f"controller.T_s={sampling}", "--stop-time", "1")
+    found = notes(cosim, "shams2010/fsmc_5sin", "--fmus", native, *setting)
+    assert any(f"it takes only {samples} samples in the run of 1 s" in n for n in found) == (samples is not None)
+    assert any("samples in the run" in note for note in found) == (samples is not None)
+
+
+@pytest.mark.parametrize(
+    ("T_s", "said"), [("0.1", "T_s = 0.0001 s against a communication step of 0.01 s"), ("10", "")]
+)
+def test_a_sampling_time_counts_in_its_unit(tmp_path: Path, cosim: Call, T_s: str, said: str) -> None:
+    variables = [*(v for v in PROBE if v.name in ("u", "z")), Variable("T_s", "parameter", 3, start=T_s, unit="ms")]
+    path = write_fmu(tmp_path / "Foreign.fmu", variables, binary=probe_library().read_bytes())
+    found = [note for note in notes(cosim, path, "--step-size", "1e-2", "--stop-time", "1") if "T_s" in note]
+    assert len(found) == bool(said)
+    assert all(said in note for note in found)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,8 @@ import sys
 import threading
 import time as clock_time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar, cast
@@ -35,6 +36,7 @@ from ..result.result import Result
 from ..system.system import System, make_system
 
 T = TypeVar("T")
+Item = TypeVar("Item")
 Answer = tuple[str, Any, bool]
 """Kind of the answer, its content, and whether the settings of the process are unchanged."""
 
@@ -435,19 +437,13 @@ def _opened(answer: Answer) -> Any:
 
 
 class Workers:
-    """A worker for each thread that asks for one; a context manager that ends them all."""
+    """A worker for each thread that asks for one."""
 
     def __init__(self) -> None:
         self._own = threading.local()
         self._all: list[Worker] = []
         self._stopped = False
         self._lock = threading.Lock()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.stop()
 
     def mine(self) -> Worker:
         """The worker of this thread."""
@@ -466,3 +462,35 @@ class Workers:
             self._stopped = True
             for worker in self._all:
                 worker.stop()
+
+
+class Pool:
+    """Threads of this process, each with a worker; a context manager that does not wait for the runs in progress."""
+
+    def __init__(self, count: int) -> None:
+        self._threads = ThreadPoolExecutor(count)
+        self._workers = Workers()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End all workers; calls in progress fail."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        self._workers.stop()
+        self._threads.shutdown()
+
+    def submit(self, call: Callable[[Worker], T]) -> Future[T]:
+        """Have ``call`` done by a thread, with its worker."""
+        return self._threads.submit(lambda: call(self._workers.mine()))
+
+    def map(self, call: Callable[[Worker, Item], T], items: Iterable[Item]) -> list[T]:
+        """The values of ``call`` for all items, in their order. Raises what the first failed call raises."""
+
+        def with_worker(item: Item) -> T:
+            return call(self._workers.mine(), item)
+
+        return list(self._threads.map(with_worker, items))

@@ -175,7 +175,7 @@ def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
             for name in repeated(members)
         ]
         if "modelDescription.xml" not in names:
-            raise DescriptionError(f"{path.name}: no modelDescription.xml inside. This is not an FMU.")
+            raise DescriptionError(f"{path.name}: no modelDescription.xml inside.{_instead(names)}")
         member = archive.getinfo("modelDescription.xml")
         if member.file_size > MAX_DESCRIPTION_BYTES:
             raise DescriptionError(
@@ -187,6 +187,14 @@ def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
         if damaged is not None:
             raise DescriptionError(f"{path.name}: '{damaged}' is damaged. Build or download the FMU again.")
     return _describe(path, stamp, hashlib.sha256(content).hexdigest(), xml, names, findings)
+
+
+def _instead(names: list[str]) -> str:
+    """A sentence for an archive without a description: the member that may be meant."""
+    for name in names:
+        if PurePosixPath(name).name.lower() == "modeldescription.xml":
+            return f" It has {name}: zip the content of the folder itself, and name this file modelDescription.xml."
+    return " This is not an FMU."
 
 
 def _describe(  # noqa: PLR0917

@@ -137,7 +137,7 @@ class ParameterValues:
         if nowhere:
             self.note(
                 f"parameter values of '{part.name}': nothing there is called {_few(nowhere)}; these values are ignored."
-                + (suggest(nowhere[0].rpartition(".")[2], _variables(part)) if len(nowhere) == 1 else "")
+                + (suggest(nowhere[0].rpartition(".")[2], dict.fromkeys(_variables(part))) if len(nowhere) == 1 else "")
             )
         if entries:
             self.note(f"mapping at '{part.name}': the values hold nothing called {_few(list(entries))}.")
@@ -182,7 +182,7 @@ class ParameterValues:
         if source:
             content = self.file(part, source, element.get("sourceBase", "SSD"))
             try:
-                return read_document(content, schema)
+                return read_document(content, schema, lambda text: self.note(f"file '{source}': {text}"))
             except DescriptionError as error:
                 raise DescriptionError([f"file '{source}', {problem}" for problem in error.problems]) from None
         inline = element.find(tag(root) if holder is None else f"{tag(holder)}/{tag(root)}")
@@ -193,7 +193,7 @@ class ParameterValues:
         try:
             if base == "component" and part.fmu is not None:
                 with opened(part.fmu.path) as archive:
-                    member = self.package.file(source).removeprefix("./")
+                    member = self.package.path(source).removeprefix("./")
                     if member not in archive.namelist():
                         raise DescriptionError(f"file '{source}' is not in {part.fmu.path.name}.")
                     return archive.read(member)
