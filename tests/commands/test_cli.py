@@ -305,3 +305,19 @@ def test_every_option_is_explained() -> None:
     run = subprocess.run([sys.executable, "-m", "cosim", "run", "--help"], capture_output=True, text=True, check=True)
     for text in ("such as plant.m=70", "such as 2.5", "such as 1e-4", "examples:\n  cosim run"):
         assert text in run.stdout
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
+def test_ctrl_c_while_modules_are_imported_shows_no_traceback() -> None:
+    code = (
+        "import os, signal, sys, types\n"
+        "class Importing(types.ModuleType):\n"
+        "    def __getattr__(self, name):\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.modules['cosim.commands.cli'] = Importing('cosim.commands.cli')\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from cosim.__main__ import main\n"
+        "main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
