@@ -8,7 +8,7 @@ elsewhere.
 from typing import Any
 
 from cosim.version import VERSION
-from docs.gallery import tidy
+from docs.gallery import name_pages, tidy
 
 project = "motion-cosim"
 author = copyright = "the motion-cosim authors, MIT licence"
@@ -78,3 +78,4 @@ sphinx_gallery_conf = {
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("doctree-read", tidy)
+    app.connect("env-updated", name_pages)

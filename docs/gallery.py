@@ -1,4 +1,5 @@
-"""What sphinx-gallery lacks: pictures that are no figures of pyplot, and outputs that are always the same.
+"""What sphinx-gallery lacks: pictures that are no figures of pyplot, outputs that are always the same, and notebooks
+that name the pages of the site.
 
 A cell that ends with a picture shows it, as a notebook does. A picture is an object with ``_repr_png_`` or
 ``_repr_svg_``: that of ``cosim.plot``, or a file that a command wrote. Its title, its panels and their lines are the
@@ -8,6 +9,7 @@ text for readers who do not see it.
 from __future__ import annotations
 
 import ast
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,9 @@ FILE = re.compile(
     re.DOTALL | re.VERBOSE,
 )
 """A call of a tutorial that writes a file: write("loop.toml", ...) or (FOLDER / "loop.toml").write_text(...)."""
+
+LINK = re.compile(r":(?:doc|download):`(?:(?P<text>[^`<]+) <[^`>]+>|(?P<page>[^`]+))`")
+"""A link to a page or a file of the site, in a tutorial."""
 
 
 def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
@@ -65,6 +70,18 @@ def tidy(app: Any, doctree: nodes.document) -> None:
             block.children[0].parent = block
         elif block.get("language") == "Python" and FILE.search(block.astext()):
             block.parent.replace(block, _files_and_code(block.astext(), doctree))
+
+
+def name_pages(app: Any, env: Any) -> None:
+    """In the notebooks, put the titles of pages in place of links, which sphinx-gallery leaves as they are."""
+
+    def name(link: re.Match[str]) -> str:
+        page = link["page"]
+        return link["text"] or f"*{env.titles[page[1:] if page.startswith('/') else f'tutorial/{page}'].astext()}*"
+
+    for path in Path(app.srcdir, "tutorial").glob("*.ipynb"):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(LINK.sub(lambda link: json.dumps(name(link))[1:-1], text), encoding="utf-8")
 
 
 def _files_and_code(code: str, doctree: nodes.document) -> list[nodes.Node]:

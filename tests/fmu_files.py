@@ -13,6 +13,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import fmpy
+import psutil
 
 PROBE_SOURCE = Path(__file__).parent / "probe" / "probe.c"
 BUILD = Path(__file__).parent.parent / "build" / "tests"
@@ -230,3 +231,9 @@ def write_echo3(path: Path, **header: Any) -> Path:
     return write_zip(
         path, {"modelDescription.xml": description3(**header), library: probe_library("echo3").read_bytes()}
     )
+
+
+def strays() -> list[psutil.Process]:
+    """Processes that the hostile FMU has started in a session of their own."""
+    found = psutil.process_iter(["name", "status"])
+    return [p for p in found if p.info["name"] == "cosim-stray" and p.info["status"] != psutil.STATUS_ZOMBIE]

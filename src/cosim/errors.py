@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
+MOST_SHOWN = 200
+"""Largest number of characters of a value in a message."""
 MOST_LISTED = 12
 """Largest number of known names that a message lists: about two lines."""
 MOST_MEANT = 3
@@ -37,6 +39,11 @@ class SimulationError(CosimError):
 
 class FileError(CosimError):
     """A file or folder cannot be written. Exit code 1. An older file of the same name is unchanged."""
+
+
+def clipped(text: str) -> str:
+    """``text`` for a message; of a long text only the beginning."""
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]} ..."
 
 
 def suggest(name: str, known: Iterable[str], meanings: Mapping[str, str] | None = None) -> str:

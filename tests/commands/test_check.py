@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fmu_files import PROBE, probe_library, write_fmu, write_gain, write_probe
+from fmu_files import PROBE, Variable, probe_library, write_fmu, write_gain, write_probe
 
 from cosim.commands.cli import main
 from cosim.master.trial import try_system
@@ -231,6 +231,27 @@ def test_samples_that_the_step_does_not_meet(native: Path, cosim: Call, step: st
     text = f"it takes {samples} samples a step with inputs that do not change"
     assert any(text in note for note in found) == (samples is not None)
     assert any("samples a step" in note for note in found) == (samples is not None)
+
+
+@pytest.mark.parametrize(("sampling", "samples"), [("1", 2), ("20", 1), ("0.05", None), ("1e-3", None)])
+def test_a_controller_that_hardly_samples_is_told(
+    native: Path, cosim: Call, sampling: str, samples: int | None
+) -> None:
+    setting = ("--set", f"controller.T_s={sampling}", "--stop-time", "1")
+    found = notes(cosim, "shams2010/fsmc_5sin", "--fmus", native, *setting)
+    assert any(f"it takes only {samples} samples in the run of 1 s" in n for n in found) == (samples is not None)
+    assert any("samples in the run" in note for note in found) == (samples is not None)
+
+
+@pytest.mark.parametrize(
+    ("T_s", "said"), [("0.1", "T_s = 0.0001 s against a communication step of 0.01 s"), ("10", "")]
+)
+def test_a_sampling_time_counts_in_its_unit(tmp_path: Path, cosim: Call, T_s: str, said: str) -> None:
+    variables = [*(v for v in PROBE if v.name in ("u", "z")), Variable("T_s", "parameter", 3, start=T_s, unit="ms")]
+    path = write_fmu(tmp_path / "Foreign.fmu", variables, binary=probe_library().read_bytes())
+    found = [note for note in notes(cosim, path, "--step-size", "1e-2", "--stop-time", "1") if "T_s" in note]
+    assert len(found) == bool(said)
+    assert all(said in note for note in found)
 
 
 @pytest.mark.parametrize(

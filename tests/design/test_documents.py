@@ -60,6 +60,8 @@ MAP: dict[str, Any] = {"system": "loop.toml", "alpha": 505.0, "K": 0.03, "W": [0
         (SweepData, {**SWEEP, "seed": -1}, ["f.toml: seed: must be greater than or equal to 0"]),
         (TuningData, {**TUNING, "population": 2**63}, ["population: must be less than or equal to 1000000"]),
         (TuningData, {**TUNING, "generations": 10**5, "population": 50}, ["ask for 5000000 runs; at most 1000000"]),
+        (MapData, {**MAP, "K": 10**400}, ["f.toml: K: must be a finite number"]),
+        (MapData, {**MAP, "K": "fast" * 9999}, [f"f.toml: K: must be a number, not '{'fast' * 50} ...'."]),
         (MapData, {**MAP, "W": [1e300]}, ["f.toml: W[1]: must be less than 3.14"]),
         (MapData, {**MAP, "K": "fast"}, ["f.toml: K: must be a number, not 'fast'."]),
         (MapData, {**MAP, "cases": {"one": {"nct": True}}}, ["cases.one.nct: the NCT is identified from a pulse"]),

@@ -233,6 +233,34 @@ def test_records_come_in_their_own_units(record: Write, fitted: Fit) -> None:
     assert fitted().values == pytest.approx(wanted, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("told", "text"),
+    [
+        (
+            ("s,um,V", {"factor": 1e-6}),
+            "converted from um to m, and then multiplied by factor = 1e-06. If the factor is",
+        ),
+        (
+            ("s,um,V", {"unit": "um", "factor": -1e-6}),
+            "converted from um to m, and then multiplied by factor = -1e-06.",
+        ),
+        (("s,,V", {}), 'nothing says its unit: taken as m. Say it: unit = "m".'),
+        (("s,um,V", {"factor": 1.02}), ""),
+        (("s,V,V", {"factor": 1e-6}), ""),
+        (("s,,V", {"unit": "um"}), ""),
+    ],
+)
+def test_units_that_count_twice_or_are_missing_are_noted(
+    record: Write, folder: Path, native: Path, told: tuple[str, dict[str, Any]], text: str
+) -> None:
+    units, output = told
+    record("first.csv", units=units)
+    outputs = {"position": {**POSITION, **output}, "command": COMMAND}
+    notes = [n for n in make_fit(problem(outputs=outputs), folder=folder, fmus=native).notes if "column x" in n]
+    assert len(notes) == bool(text)
+    assert all(text in note for note in notes)
+
+
 def test_the_run_begins_with_the_first_sample_of_a_record_that_drives_it(
     record: Write, fitted: Fit, folder: Path, clean: Mapping[str, np.ndarray]
 ) -> None:

@@ -17,13 +17,13 @@ import distributed
 import numpy as np
 import psutil
 import pytest
-from fmu_files import PROBE, probe_library, write_fmu
+from fmu_files import PROBE, probe_library, strays, write_fmu
 
 from cosim.design import crew
 from cosim.design.dataset import DataSet
 from cosim.design.plan import Sweep, make_sweep, read_sweep
 from cosim.design.sweep import SweepProgress, report, sweep
-from cosim.design.workers import LEAST_SECONDS, LONGEST_TIMES, UNKNOWN_SECONDS, Limit, Worker
+from cosim.design.workers import LEAST_SECONDS, LONGEST_TIMES, UNKNOWN_SECONDS, Limit, Loadable, LoadError, Worker
 from cosim.errors import CosimError, DescriptionError, FileError
 from cosim.master.child import HIGH
 from cosim.system.system import read_system
@@ -308,8 +308,8 @@ def test_two_sweeps_do_not_write_into_one_folder(make: Callable[..., Sweep], tmp
 
 
 def workers() -> list[psutil.Process]:
-    """Processes for runs that this one has started."""
-    return [
+    """Processes for runs that this one has started, and those that FMUs have started away from them."""
+    return strays() + [
         child
         for child in psutil.Process().children(recursive=True)
         if "cosim.design.workers" in " ".join(child.cmdline())
@@ -366,17 +366,19 @@ def test_runs_that_crash_exit_or_hang_are_recorded_and_stop_no_other(
         "segv": "crashed: SIGSEGV",
         "exit 0": "exit code 0",
         "hang": "did not end within 1 s",
-        "close all": "closed the connection",
+        "close all": "closed or damaged the connection",
+        "write all": "closed or damaged the connection",
+        "background": "exit code 0",
         "kill": "killed 3 times",
     }
-    plan = hostile("good", *reasons, "good")
+    plan = hostile("good", *reasons, "daemon")
     outcome = sweep(plan, tmp_path / "data", workers=2)
     assert_complete(tmp_path / "data", plan)
     rows = rows_of(tmp_path / "data")
     for run, reason in enumerate(reasons.values(), start=1):
         assert reason in rows["error"][run]
     assert outcome.failed == len(reasons)
-    assert rows["last"] == [pytest.approx(1.0), None, None, None, None, None, pytest.approx(1.0)]
+    assert rows["last"] == [pytest.approx(1.0), *(None for _ in reasons), pytest.approx(1.0)]
     assert not workers()
     assert sweep(plan, tmp_path / "data", workers=2).new == 0
 
@@ -387,6 +389,14 @@ def test_a_run_that_closes_the_connection_for_calls_costs_no_later_run() -> None
         before = worker.call(os.getpid, limit=Limit(10.0))
         worker.call(os.close, HIGH, limit=Limit(10.0))
         assert worker.call(os.getpid, limit=Limit(10.0)) != before
+
+
+def test_the_limit_of_a_run_is_one_for_loading_too(
+    hostile: Callable[..., Sweep], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cosim.design.workers.LEAST_SECONDS", 0.0)
+    with Worker() as worker, pytest.raises(LoadError, match="loading the FMUs: the run did not end within 1e-09 s"):
+        worker.prepare(Loadable.of(hostile("good").system), 1e-9)
 
 
 def test_without_a_limit_given_it_follows_from_the_runs_measured() -> None:

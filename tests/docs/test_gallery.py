@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from docutils.utils import new_document
 from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import ImagePathIterator
 
-from docs.gallery import scrape, tidy
+from docs.gallery import name_pages, scrape, tidy
 
 PNG = b"\x89PNG"
 
@@ -49,6 +50,15 @@ def test_a_picture_of_an_earlier_cell_is_not_shown_again(tmp_path: Path) -> None
 def test_a_picture_without_title_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ExtensionError, match=r"1_cell.py:7: a picture without title"):
         scraped(SimpleNamespace(_repr_png_=lambda: PNG), tmp_path)
+
+
+def test_notebooks_name_the_pages_that_tutorials_link(tmp_path: Path) -> None:
+    notebook = tmp_path / "tutorial" / "1_cell.ipynb"
+    notebook.parent.mkdir()
+    notebook.write_text('["see :doc:`/systems`, :doc:`2_cell` and :download:`log.csv </examples/log.csv>`"]')
+    titles = {"systems": nodes.title("", 'What "a system" is'), "tutorial/2_cell": nodes.title("", "Größe")}
+    name_pages(SimpleNamespace(srcdir=tmp_path), SimpleNamespace(titles=titles))
+    assert json.loads(notebook.read_text()) == ['see *What "a system" is*, *Größe* and log.csv']
 
 
 def test_times_and_folders_are_taken_from_outputs() -> None:

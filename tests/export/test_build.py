@@ -131,6 +131,15 @@ def test_a_wrong_file(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: 
     assert not list(tmp_path.glob("*.fmu"))
 
 
+def test_remarks_are_told_at_every_build(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = lag(tmp_path / "own", gain="2.0")
+    for state in ("built", "unchanged"):
+        assert main(["build", str(path), "-o", str(tmp_path / "out")]) == 0
+        captured = capsys.readouterr()
+        assert state in captured.out
+        assert "note: Lag: no equation uses the parameter gain. Take it out, or use it." in captured.err
+
+
 def test_everything_wrong_with_the_command_is_told_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = lag(tmp_path)
     names = [f"{path}:Leg", str(tmp_path / "leg.py"), "BalscrewStage"]

@@ -542,6 +542,114 @@ def test_impure_equations_are_refused(kind: type[Component], text: str) -> None:
     refused(kind)
 
 
+class HashOutput(Filter):
+    """A number that differs in each process."""
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        return self.Output(position=x.first + hash("position") % 7)
+
+
+def test_numbers_of_a_process_are_refused() -> None:
+    assert "HashOutput.output uses hash." in refused(HashOutput)
+
+
+# ---- equations that treat numbers in another way ----
+
+
+class AsksForFloats(Filter):
+    """Numbers pass, symbols do not."""
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        return self.Output(position=x.second if isinstance(x.second, float) else 0.0)
+
+
+class CatchesErrors(Filter):
+    """What cannot be traced becomes 0."""
+
+    def update(self, t: float, x: Any, u: Any, y: Any) -> Any:
+        try:
+            first = float(u.command)
+        except TraceError:
+            first = 0.0
+        return replace(x, first=first)
+
+
+class AsksForIdentity(Filter):
+    """Two equal numbers may be one object; two symbols are not."""
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        return self.Output(position=x.first if type(self.gain) is float else x.second)
+
+
+@pytest.mark.parametrize("kind", [AsksForFloats, CatchesErrors, AsksForIdentity])
+def test_equations_that_differ_for_numbers_are_refused(kind: type[Component]) -> None:
+    method = "update" if kind is CatchesErrors else "output"
+    said = rf"{kind.__name__}\.{method}: gives \S+ for numbers, where its equations give \S+\. Take out what treats"
+    with pytest.raises(TraceError, match=said):
+        trace(kind)
+
+
+class FailsForNumbers(Filter):
+    """It divides by zero at some numbers: that decides nothing."""
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        return self.Output(position=x.first / where(x.second > 0.0, x.second, 0.0))
+
+
+def test_numbers_at_which_equations_fail_decide_nothing() -> None:
+    assert trace(FailsForNumbers).outputs
+
+
+# ---- remarks for the author ----
+
+
+class Forgetful(Filter):
+    """A parameter and an input that nothing uses; a Choice of which all members do the same."""
+
+    stiffness: float = parameter(1.0, "N/m", "Stiffness")
+    table: tuple[float, ...] = parameter((1.0, 2.0), "1", "A table of which one element is used")
+
+    class Input(Record):
+        command: float = variable(0.0, "V", "Command")
+        measured: float = variable(0.0, "m", "Measured position")
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        return self.Output(position=x.second * self.table[0])
+
+
+class Keeps(Mass):
+    """The derivative of one state is left as it was."""
+
+    class State(Record):
+        position: float = variable(0.0, "m", "Position")
+        velocity: float = variable(0.0, "m/s", "Velocity")
+
+    class Output(Record):
+        position: float = variable(0.0, "m", "Position")
+
+    def derivative(self, t: float, x: Any, u: Any) -> Any:
+        return replace(x, velocity=u.force / self.m)
+
+    def output(self, t: float, x: Any, u: Any) -> Any:
+        return self.Output(position=x.position)
+
+    def update(self, t: float, x: Any, u: Any) -> Any:
+        return x
+
+
+def test_what_is_probably_a_mistake_is_a_remark() -> None:
+    said = "Forgetful: no equation uses the {}. Take it out, or use it."
+    members = ("parameter active", "parameter stiffness", "input measured")
+    assert trace(Forgetful).remarks == tuple(said.format(member) for member in members)
+    (remark,) = trace(Keeps).remarks
+    assert remark.startswith("Keeps: the derivative of position is position itself, as replace(x, ...) leaves it")
+
+
+@pytest.mark.parametrize("name", WORKSPACE.components())
+def test_components_of_the_library_have_no_remarks(name: str) -> None:
+    assert trace(WORKSPACE.component(name)).remarks == ()
+
+
 # ---- equations that cannot be traced ----
 
 

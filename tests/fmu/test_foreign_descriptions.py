@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -54,6 +55,9 @@ UNDECLARED = 'variability="discrete"> => >'
 BROKEN: dict[str, tuple[Change, str]] = {
     "version 2.0.4": (replaced('fmiVersion="2.0"', 'fmiVersion="2.0.4"'), 'fmiVersion is "2.0.4"'),
     "version 2.0.1": (replaced('fmiVersion="2.0"', 'fmiVersion="2.0.1"'), 'fmiVersion is "2.0.1"'),
+    "version 2": (replaced('fmiVersion="2.0"', 'fmiVersion="2"'), 'fmiVersion is "2"'),
+    "version with blanks": (replaced('fmiVersion="2.0"', 'fmiVersion=" 2.0"'), 'fmiVersion is " 2.0"'),
+    "blank line at the start": (lambda text: f"\n{text}", "begins with blanks, which XML does not allow. Left out."),
     "version 2.0-x": (replaced('fmiVersion="2.0"', 'fmiVersion="2.0.5-dev"'), 'fmiVersion is "2.0.5-dev"'),
     "Integer input without variability": (variable("count_in", UNDECLARED), "Read as discrete."),
     "Boolean input without variability": (variable("flag_in", UNDECLARED), "Read as discrete."),
@@ -112,6 +116,40 @@ def test_a_broken_rule_is_told_and_the_fmu_runs(tmp_path: Path, case: str, capsy
     assert np.array_equal(simulate(system).rows, simulate(whole).rows)
     assert main(["info", str(path)]) == 0
     assert "time_constant" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("declared", "encoding", "told"),
+    [
+        ("UTF-8", "cp1252", ["line 2 is not UTF-8 text. Read as Windows-1252."]),
+        ("", "latin-1", ["line 2 is not UTF-8 text. Read as Windows-1252."]),
+        ("ISO-8859-1", "latin-1", []),
+        ("Windows-1252", "cp1252", []),
+        ("UTF-16", "utf-16", []),
+        ("UTF-8", "utf-8-sig", []),
+    ],
+)
+def test_descriptions_in_any_encoding(tmp_path: Path, declared: str, encoding: str, told: list[str]) -> None:
+    said = f' encoding="{declared}"' if declared else ""
+    text = description(PROBE).replace(' encoding="UTF-8"', said).replace('modelName="Probe"', 'modelName="Größe in µm"')
+    members = {"modelDescription.xml": text.encode(encoding), library_name(): probe_library().read_bytes()}
+    path = write_zip(tmp_path / "Probe.fmu", members)
+    fmu = read_fmu(path)
+    assert (fmu.name, list(fmu.findings)) == ("Größe in µm", told)
+    assert simulate(make_system(document(path), name="encoded")).rows.shape == (11, 3)
+
+
+@pytest.mark.parametrize("name", ["Probe/modelDescription.xml", "ModelDescription.xml"])
+def test_a_description_of_another_name_or_place_is_told(tmp_path: Path, name: str) -> None:
+    path = write_zip(tmp_path / "Probe.fmu", {name: description(PROBE)})
+    with pytest.raises(DescriptionError, match=rf"no modelDescription\.xml inside\. It has {name}: zip the content"):
+        read_fmu(path)
+
+
+def test_a_description_without_variables_is_told(tmp_path: Path) -> None:
+    text = re.sub("<ModelVariables>.*</ModelVariables>", "", description(PROBE))
+    with pytest.raises(DescriptionError, match=r"modelDescription\.xml: has no ModelVariables"):
+        read_fmu(write_zip(tmp_path / "Probe.fmu", {"modelDescription.xml": text}))
 
 
 def test_variables_of_one_name_are_left_out(tmp_path: Path) -> None:

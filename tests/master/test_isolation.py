@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from fmu_files import PROBE, probe_library, write_fmu
+from fmu_files import PROBE, probe_library, strays, write_fmu
 
 from cosim import CallError, DescriptionError, Interrupted, ProcessError, SignalError, System, make_system, simulate
 from cosim.master.isolation import simulate_isolated
@@ -53,7 +53,7 @@ def nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generato
     deadline = time.monotonic() + 10.0
 
     def left() -> list[Path | psutil.Process]:
-        return [*place.glob("*"), *set(psutil.Process().children(recursive=True)) - before]
+        return [*place.glob("*"), *set(psutil.Process().children(recursive=True)) - before, *strays()]
 
     while left() and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -162,7 +162,7 @@ def test_threads_that_are_left_running(fmus: Path, how: str, statuses: set[str])
     check_rows(result, fmus, len(result.time))
 
 
-@pytest.mark.parametrize("how", ["chdir", "close", "close all", "rounding", "locale", "fork"])
+@pytest.mark.parametrize("how", ["chdir", "close", "close all", "rounding", "locale", "fork", "daemon"])
 def test_what_an_fmu_changes_ends_with_its_process(fmus: Path, how: str, tmp_path: Path) -> None:
     place, text = Path.cwd(), f"{1e-3:.17g} {0.1 + 0.2:.17g}"
     result = simulate(hostile(fmus, how), isolated=True)

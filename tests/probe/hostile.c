@@ -6,6 +6,7 @@
 #include <locale.h>
 #include <pthread.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <unistd.h>
 
 #include "fmi2Functions.h"
@@ -87,6 +88,20 @@ static void misbehave(Probe *p) {
         sleep(600);
         _exit(0);
     }
+    if (!strcmp(how, "daemon") && fork() == 0) {
+        setsid();
+        prctl(PR_SET_NAME, "cosim-stray");
+        sleep(600);
+        _exit(0);
+    }
+    if (!strcmp(how, "background")) {
+        prctl(PR_SET_NAME, "cosim-stray");
+        if (daemon(1, 0)) abort();
+        hang();
+    }
+    if (!strcmp(how, "write all"))
+        for (int number = 0; number < 4096; number++)
+            if (write(number, "What an FMU writes where it has no business to.", 47) < 0) continue;
     if (!strcmp(how, "print")) {
         fprintf(stderr, "to stderr \x1b[2J\n");
         for (int line = 0; line < 20000; line++) printf("line %d\n", line);

@@ -94,7 +94,8 @@ HEADING = "Recorder;A\nSerial;17\n\nTime;x;Time 2;y\n0;1;0;2\n1;2;1;3\n"
         (b"t;x\n00:00:01,5;1\n", "'00:00:01,5' is not a number but a date or a time of day. Write times in seconds"),
         (b"t;x\nLREAL;LREAL\n0;1\n", "'LREAL' is not a number. Leave out rows of text, and name the columns to read."),
         ("t;x\n0;1\n".encode("utf-16-le"), "is no text, or UTF-16 without a byte order mark. Save it as UTF-8."),
-        (b"PK\x03\x04\x14\x00\x06\x00 a sheet of a spreadsheet", "is no text"),
+        (b"PK\x03\x04\x14\x00\x06\x00 a sheet of a spreadsheet", "is a zip archive, not text."),
+        (b"\x1f\x8b\x08\x00 compressed", "is no text"),
         (b"t|x\n0|1\n", "Cells are divided by comma, semicolon, tab or blanks."),
     ],
 )

@@ -259,6 +259,14 @@ def test_files_that_cannot_serve(tmp_path: Path, name: str, make: Callable[[Path
         read_record(tmp_path / name)
 
 
+def test_a_mat_file_that_crashes_its_reader_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """scipy.io.loadmat crashes its process on some damaged files; which ones depends on its memory."""
+    monkeypatch.setattr("cosim.record.tables._MAT_PROGRAM", "import os; os.kill(os.getpid(), 9)")
+    save_mat(tmp_path / "a.mat")
+    with pytest.raises(DescriptionError, match=r"a\.mat: is no MAT file that can be read \(reading it crashed\)"):
+        read_record(tmp_path / "a.mat")
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -272,6 +280,7 @@ def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
     (tmp_path / name).touch()
     monkeypatch.setattr("cosim.extras.import_module", absent)
+    monkeypatch.setattr("cosim.extras.find_spec", lambda package: None)
     with pytest.raises(DescriptionError, match=re.escape(said)):
         read_record(tmp_path / name)
 

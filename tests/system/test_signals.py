@@ -275,6 +275,22 @@ def test_records_that_do_not_fit_the_run_are_noted(
         assert not any(text in note for note in made(folder, {**signal, "extend": "hold"}, experiment=given).notes)
 
 
+def test_a_record_whose_times_are_no_seconds_is_noted(folder: Path) -> None:
+    lines = [f"{i},{i},{i}" for i in range(1001)]  # 1 kHz, in ms
+    (folder / "log.csv").write_text("\n".join(["time,force,x", *lines]) + "\n", encoding="utf-8")
+    run = {"stop_time": 1.0, "step_size": 0.001}
+    short = "the record has a sample every 1 s, so the run of 1 s sees almost none of its 1001 samples."
+    assert any(short in note for note in made(folder, experiment=run).notes)
+    assert not any("sees almost none" in note for note in made(folder, {"time_unit": "ms"}, experiment=run).notes)
+
+
+def test_the_advised_start_is_exact(folder: Path) -> None:
+    lines = [f"{1700000123.4 + i / 8!r},{i},{i}" for i in range(9)]
+    (folder / "log.csv").write_text("\n".join(["time,force,x", *lines]) + "\n", encoding="utf-8")
+    (note,) = [n for n in made(folder, experiment={"stop_time": 1.0, "step_size": 0.125}).notes if "would begin" in n]
+    assert "start_time = 1700000123.4 would begin with it" in note
+
+
 def test_a_gap_in_the_record_is_noted(folder: Path) -> None:
     lines = LOG.splitlines()
     (folder / "log.csv").write_text("\n".join([*lines[:4], *lines[6:]]) + "\n", encoding="utf-8")

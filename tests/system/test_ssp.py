@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
+from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
 
@@ -292,11 +293,11 @@ def test_connection_written_from_the_input_is_turned(native: Path, tmp_path: Pat
         (
             {"transformation": '<ssc:IntegerMappingTransformation><ssc:MapEntry source="1" target="2"/>'
              "</ssc:IntegerMappingTransformation>"},
-            "a IntegerMappingTransformation is not read",
+            "IntegerMappingTransformation is not read",
         ),
         (
             {"bindings": '<ssd:ParameterBindings><ssd:ParameterBinding source="nowhere.ssv"/></ssd:ParameterBindings>'},
-            "parameter values of 'top', file 'nowhere.ssv' cannot be read",
+            "parameter values of 'top', no file 'nowhere.ssv' in the package.",
         ),
     ],
 )  # fmt: skip
@@ -305,12 +306,40 @@ def test_what_cannot_be_read_is_said(native: Path, tmp_path: Path, changes: dict
         read_ssp(foreign(tmp_path, native, **changes))
 
 
-@pytest.mark.parametrize("member", ["../evil", "/evil", "a\\b"])
+@pytest.mark.parametrize("member", ["../evil", "/evil", "a\\..\\..\\b", "a:b"])
 def test_hostile_archive_is_refused(tmp_path: Path, member: str) -> None:
     path = tmp_path / "evil.ssp"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(member, "x")
     with pytest.raises(DescriptionError, match="Refused"):
+        read_ssp(path)
+
+
+def cut_stream(content: bytes) -> bytes:
+    """The compressed text is overwritten in its middle."""
+    begin = content.index(b"SystemStructure.ssd") + 40
+    return content[:begin] + b"\xff" * 40 + content[begin + 40 :]
+
+
+def moved_directory(content: bytes) -> bytes:
+    """The end of the archive says that the directory lies 25 bytes later, so that members begin before the file."""
+    offset = int.from_bytes(content[-6:-2], "little") + 25
+    return content[:-6] + offset.to_bytes(4, "little") + content[-2:]
+
+
+def other_method(content: bytes) -> bytes:
+    """The directory names a method of compression that there is not."""
+    place = content.rindex(b"PK\x01\x02") + 10
+    return content[:place] + b"\x63\x00" + content[place + 2 :]
+
+
+@pytest.mark.parametrize("damage", [cut_stream, moved_directory, other_method])
+def test_a_damaged_package_is_refused(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    path = tmp_path / "damaged.ssp"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("SystemStructure.ssd", "<a>" + "".join(map(str, range(2000))) + "</a>")
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(DescriptionError, match=r"damaged\.ssp: not a readable zip archive \(.*\)\. Build or download"):
         read_ssp(path)
 
 

@@ -517,7 +517,7 @@ def test_values_may_lie_inside_the_fmu(fmu: Path) -> None:
 @pytest.mark.parametrize(
     ("binding", "text"),
     [
-        ('source="resources/no.ssv"', "file 'resources/no.ssv' cannot be read"),
+        ('source="resources/no.ssv"', "no file 'resources/no.ssv' in the package. Did you mean 'resources/bad.ssv'?"),
         ('source="https://example.org/a.ssv"', "source 'https://example.org/a.ssv' is not a path inside the package"),
         ('source="../a.ssv"', "source '../a.ssv' is not a path inside the package"),
         ('source="a.csv" type="text/csv"', "type text/csv is not read"),
@@ -555,6 +555,90 @@ def test_what_the_schema_refuses_is_said_in_words(fmu: Path, version: str, text:
     assert text in str(error.value)
     assert not re.search(r"http:|\[facet|\[\.\]|\\d", str(error.value))
     assert (version == "2.0") == ("SSP 2.0 is read as far as SSP 1.0 goes" in str(error.value))
+
+
+@pytest.mark.parametrize("version", ["1.0.1", "1.1", "1.0-beta1"])
+def test_releases_of_1_0_are_read(fmu: Path, version: str) -> None:
+    values = bound(parameters(u=1.0, gain=2.0).replace('"1.0" name="v"', f'"{version}" name="v"'))
+    assert outputs(read(package(fmu, system("top", gain("g", values)), version))) == {"g.z": 2.0}
+
+
+def test_a_draft_of_ssp_is_named(fmu: Path) -> None:
+    path = fmu.parent / "draft.ssd"
+    space = "http://www.pmsf.net/xsd/SystemStructureDescriptionDraft"
+    path.write_text(f'<SystemStructureDescription xmlns="{space}" version="Draft"/>', encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"which is not of SSP 1\.0\. Write it as SSP 1\.0\."):
+        read_ssp(path)
+
+
+def test_known_prefixes_need_no_declaration(fmu: Path) -> None:
+    """libcosim reads SSDs whose prefix osp, or ssv in a parameter set, is not declared."""
+    algorithm = '<osp:Algorithm><osp:FixedStepAlgorithm baseStepSize="0.25"/></osp:Algorithm>'
+    annotation = f'<ssc:Annotation type="com.opensimulationplatform">{algorithm}</ssc:Annotation>'
+    values = '<ssv:ParameterSet version="1.0" name="v"><ssv:Parameters><ssv:Parameter name="u"><ssv:Real value="3"/>'
+    values += "</ssv:Parameter></ssv:Parameters></ssv:ParameterSet>"
+    top = system(
+        "top", gain("g", '<ssd:ParameterBindings><ssd:ParameterBinding source="a.ssv"/></ssd:ParameterBindings>')
+    )
+    top = top.replace("</ssd:System>", f"<ssd:Annotations>{annotation}</ssd:Annotations></ssd:System>")
+    found = read_system(package(fmu, top, files={"a.ssv": values}))
+    assert (found.steps, outputs(found)) == (4, {"g.z": 3.0})
+    assert "prefixes without a declaration have their usual meaning: osp." in found.notes
+    assert "file 'a.ssv': prefixes without a declaration have their usual meaning: ssv." in found.notes
+    with pytest.raises(DescriptionError, match="not valid XML: Namespace prefix other on Algorithm is not defined"):
+        read_ssp(package(fmu, top.replace("osp:", "other:")))
+
+
+# Files
+
+
+@pytest.mark.parametrize(
+    "source", ["r/G#1.fmu", "r/what?.fmu", "r/100%25.fmu", "r\\G.fmu", "r/Gäin 1.fmu", "r/G%201.FMU"]
+)
+def test_a_source_may_be_the_plain_path_of_a_file(fmu: Path, source: str) -> None:
+    path = package(fmu, system("top", gain("g", bound(parameters(u=3.0)), source=source)))
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.write(fmu, source.replace("\\", "/"))
+    assert outputs(read(path)) == {"g.z": 3.0}
+
+
+def test_a_file_that_the_package_lacks_is_told_with_the_nearest(fmu: Path) -> None:
+    path = package(fmu, system("top", gain("g", source="Resources/gain.fmu")))
+    with pytest.raises(
+        DescriptionError, match=r"no file 'Resources/gain\.fmu' in the package\. Did you mean 'resources/G"
+    ):
+        read_ssp(path)
+
+
+def moved(path: Path, names: dict[str, str]) -> Path:
+    """The package with members under other names."""
+    target = path.with_name("moved.ssp")
+    with zipfile.ZipFile(path) as source, zipfile.ZipFile(target, "w") as archive:
+        for name in source.namelist():
+            for new in names.get(name, name).split(" "):
+                archive.writestr(new, source.read(name))
+    return target
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {"SystemStructure.ssd": "systemstructure.SSD"},
+        {"SystemStructure.ssd": "axis.ssd"},
+        {"SystemStructure.ssd": "axis/SystemStructure.ssd", "resources/Gain.fmu": "axis/resources/Gain.fmu"},
+    ],
+)
+def test_the_only_description_of_a_package_is_read(fmu: Path, names: dict[str, str]) -> None:
+    path = moved(package(fmu, system("top", gain("g", bound(parameters(u=3.0))))), names)
+    assert outputs(read(path)) == {"g.z": 3.0}
+
+
+def test_variants_in_a_package_are_told(fmu: Path) -> None:
+    path = package(fmu, system("top", gain("g")))
+    found = read_ssp(moved(path, {"SystemStructure.ssd": "SystemStructure.ssd b.ssd"}))
+    assert "SystemStructure.ssd is read, not b.ssd. For another, unpack the package and name it." in found.notes
+    with pytest.raises(DescriptionError, match=r"no SystemStructure.ssd inside, but a.ssd, b.ssd. Unpack the package"):
+        read_ssp(moved(path, {"SystemStructure.ssd": "a.ssd b.ssd"}))
 
 
 # Names

@@ -504,6 +504,18 @@ CASES: dict[str, tuple[list[tuple[str, str]], str]] = {
         [('description = "A loop"', "description = 3")],
         "description: must be a text, not 3.",
     ),
+    "step with an exponent that fills the memory": (
+        [("step_size = 1e-3", "step_size = 1e999999999")],
+        "experiment.step_size: 1E+999999999 is not a finite number of seconds.",
+    ),
+    "step that no machine has": (
+        [("step_size = 1e-3", "step_size = 1e-19")],
+        "experiment.step_size: a time must be 0 or lie between 1e-18 s and 1000000000000 s.",
+    ),
+    "more steps than a double counts": (
+        [("step_size = 1e-3", "step_size = 1e-17")],
+        "experiment.step_size: 1e+17 steps: at most 2^53 can be counted exactly.",
+    ),
     "recording nothing": (
         [("[instances.plant]", '[record]\nvariables = ["plant.x*"]\n[instances.plant]')],
         "record.variables: 'plant.x*' matches no input, output or local variable.",

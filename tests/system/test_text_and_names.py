@@ -160,6 +160,15 @@ def test_numbers_as_people_type_them(text: str, value: str) -> None:
     assert parse_value(text) == Decimal(value)
 
 
+@pytest.mark.parametrize("text", ["1e999999999999999999999", "9" * 5000, "[" * 3000])
+def test_numbers_and_lists_beyond_every_measure_are_texts(tmp_path: Path, text: str) -> None:
+    write_probe(tmp_path)
+    (tmp_path / "s.toml").write_text(SYSTEM, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        read_system(tmp_path / "s.toml", parse_settings([f"a.time_constant={text}"]))
+    assert len(str(caught.value)) < 400
+
+
 def test_all_settings_that_are_wrong_come_at_once() -> None:
     with pytest.raises(DescriptionError) as caught:
         parse_settings(["a.k", "=5", "a.k=", "a.m = 2"])

@@ -173,6 +173,9 @@ def _build(
         size = f"{target.stat().st_size / 1024:.0f}" if target.exists() else ""
         table.add_row(name, size, f"{seconds[name]:.1f}" if name in seconds else "", state)
     standard_output().print(table)
+    for name in names:
+        for remark in workspace.remarks(output / f"{name}.fmu") if name not in problems else ():
+            print_note(f"note: {remark}")
     for error in problems.values():
         for line in error.problems if isinstance(error, DescriptionError) else (str(error),):
             print_error(line)

@@ -154,8 +154,10 @@ def _check(options: argparse.Namespace, problems: list[str]) -> tuple[dict[str, 
     """The numbers among the options, and the tolerances by name. Wrong options are appended to ``problems``."""
     numbers: dict[str, float] = {}
     given = (
-        *(("time_tolerance", options.time_tolerance, 0.0, 0.0), ("start", options.start, -math.inf, -math.inf)),
-        *(("stop", options.stop, math.inf, -math.inf), ("sampling_time", options.sampling_time, 0.0, 0.0)),
+        ("time_tolerance", options.time_tolerance, 0.0, 0.0),
+        ("sampling_time", options.sampling_time, 0.0, 0.0),
+        ("start", options.start, -math.inf, -math.inf),
+        ("stop", options.stop, math.inf, -math.inf),
         ("delay", None if options.delay == "estimate" else options.delay, 0.0, -math.inf),
     )
     words = {"start": "--from", "stop": "--to"}

@@ -64,8 +64,9 @@ def _run(options: argparse.Namespace) -> int:
     for obstacle in fmu.obstacles:
         print_note(f"note: cannot run here: {obstacle}")
     console.print("Outputs and the inputs they depend on directly:")
+    unstated = fmu.unstated if fmu.inputs else ()
     for output in fmu.outputs:
-        assumed = " (the file does not say: all count)" if output in fmu.unstated and fmu.inputs else ""
+        assumed = " (the file does not say: all count)" if output in unstated else ""
         console.print(f"  {escape(output)}: {escape(', '.join(fmu.dependencies[output]) or 'none')}{assumed}")
     return 0
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .console import Bar, check_files, check_plot, common_arguments, set_argument, show, write_files
 from .parser import count
 from .systems import base_argument, given_values
+
+if TYPE_CHECKING:
+    from ..design.pulse import Learned, Monitored
 
 
 def add(commands: Any) -> None:
@@ -81,29 +85,12 @@ def _learn(options: argparse.Namespace) -> int:
         anew.append(axis.pulse)
         # Saved at once: what was learned is kept if the next axis fails or is interrupted.
         well = write_files((file, partial(pulse.save, learned[axis.pulse]))) and well
-    content = {
-        name: {
-            "learned": name in anew,
-            "t_c": result.t_c.tolist(),
-            "durations": result.durations.tolist(),
-            "amplitudes": [result.tables.at(a)[0] for a in pulse.ACCELERATIONS],
-            "nominal_J": result.nominal.tolist(),
-            "monitored_ratio": [point.ratio for point in checks.get(name, [])],
-            "spread": result.spread,
-            "runs": dict(result.runs) if name in anew else {},
-            "seconds": result.seconds,
-        }
-        for name, result in learned.items()
-    }
+    content = {name: _content(result, checks.get(name, []), name in anew) for name, result in learned.items()}
     rows: list[tuple[str, ...]] = [
         ("Pulse", "acceleration [mm/s2]", "t_c [ms]", "duration [ms]", "amplitude [mm/s]", "J [um]", "J over nominal")
     ]
     for name, result in learned.items():
-        for i, a in enumerate(pulse.ACCELERATIONS):
-            A, T = result.tables.at(a)
-            ratio = f"{checks[name][i].ratio:.2f}" if name in checks else ""
-            cells = (1e3 * a, 1e3 * float(result.t_c[i]), 1e3 * T, 1e3 * A, 1e6 * float(result.nominal[i]))
-            rows.append((name, *(f"{value:.4g}" for value in cells), ratio))
+        rows += _rows(name, result, checks.get(name, []))
     kept = "nothing learned anew" if not anew else f"tables in {tables}"
     show(options, {"pulses": content, "tables": str(tables) if anew else None}, rows, f"Friction pulses, {kept}")
     well = well and write_files(
@@ -111,3 +98,30 @@ def _learn(options: argparse.Namespace) -> int:
         (options.plot, lambda path: pulse.plot_learned(learned, path)),
     )
     return 0 if well else 1
+
+
+def _content(result: Learned, checked: Sequence[Monitored], anew: bool) -> dict[str, Any]:
+    """What was learned for one axis, for JSON."""
+    from ..design.pulse import ACCELERATIONS
+
+    return {
+        "learned": anew,
+        "t_c": result.t_c.tolist(),
+        "durations": result.durations.tolist(),
+        "amplitudes": [result.tables.at(a)[0] for a in ACCELERATIONS],
+        "nominal_J": result.nominal.tolist(),
+        "monitored_ratio": [point.ratio for point in checked],
+        "spread": result.spread,
+        "runs": dict(result.runs) if anew else {},
+        "seconds": result.seconds,
+    }
+
+
+def _rows(name: str, result: Learned, checked: Sequence[Monitored]) -> Iterator[tuple[str, ...]]:
+    """A row of the table for each acceleration."""
+    from ..design.pulse import ACCELERATIONS
+
+    for i, a in enumerate(ACCELERATIONS):
+        A, T = result.tables.at(a)
+        cells = (1e3 * a, 1e3 * float(result.t_c[i]), 1e3 * T, 1e3 * A, 1e6 * float(result.nominal[i]))
+        yield (name, *(f"{value:.4g}" for value in cells), f"{checked[i].ratio:.2f}" if checked else "")

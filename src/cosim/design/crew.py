@@ -9,7 +9,7 @@ import math
 import os
 import time as clock_time
 from collections.abc import Sequence
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future
 from typing import Protocol, Self, cast
 
 from ..errors import CosimError, DescriptionError
@@ -17,7 +17,7 @@ from ..extras import import_extra
 from .batch import Job, run_batch
 from .dataset import RunRow
 from .plan import Point
-from .workers import Limit, Workers
+from .workers import Limit, Pool, Workers
 
 CONNECT_SECONDS = 10.0
 """Longest time in which a scheduler must answer, at the start and after the connection was lost."""
@@ -58,24 +58,17 @@ class Threads:
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count if count is not None else os.cpu_count() or 1
-        self._pool = ThreadPoolExecutor(self.count)
-        self._workers = Workers()
+        self._pool = Pool(self.count)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        # Do not wait for threads in the middle of a run.
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._workers.stop()
-        self._pool.shutdown(wait=True)
+        self._pool.stop()
 
     def submit(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> Future[list[RunRow]]:
         """Have a batch done."""
-        return self._pool.submit(self._batch, job, batch, points, limit)
-
-    def _batch(self, job: Job, batch: Sequence[int], points: Sequence[Point], limit: Limit) -> list[RunRow]:
-        return run_batch(job, batch, points, self._workers.mine(), limit)
+        return self._pool.submit(lambda worker: run_batch(job, batch, points, worker, limit))
 
     def rows(self, future: Future[list[RunRow]]) -> list[RunRow]:
         """What came back."""

@@ -228,6 +228,11 @@ class FreeData(Table):
             raise ValueError(f"log needs positive values, not {given[0]:g}")
         return self
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper bound; infinite where none is given."""
+        return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
+
 
 class ParameterData(FreeData):
     """A free start value of an FMU."""
@@ -257,7 +262,7 @@ class OutputData(Table):
     unit: Text | None = None
     """Unit of the column. Default: the unit in the record, else the unit of the signal."""
     factor: Number = 1.0
-    """Factor on the column before it is compared."""
+    """Factor on the column, beside the conversion of its unit, before it is compared."""
     reference: Text | None = None
     """Column that is subtracted for the figures: the reference of a loop gives figures of the tracking error."""
     noise: Positive | None = None
@@ -268,6 +273,11 @@ class OutputData(Table):
     """Gain of the sensor, ``record = gain*signal + bias``: a number, or a free value."""
     bias: FixedOrFree = 0.0
     """Bias of the sensor in the unit of the signal: a number, or a free value."""
+
+    @property
+    def sensor(self) -> Mapping[str, float | FreeData]:
+        """Delay, gain and bias by name."""
+        return {"delay": self.delay, "gain": self.gain, "bias": self.bias}
 
 
 class RecordData(Table):

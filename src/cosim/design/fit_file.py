@@ -212,17 +212,14 @@ class _Reader:
             }
             for name, record in read.items()
         }
-        if self.problems:
-            raise DescriptionError(self.problems)
+        self._stop_if_wrong()
         records = tuple(self._record(name, read[name], systems[name], columns[name], references[name]) for name in read)
-        if self.problems:
-            raise DescriptionError(self.problems)
+        self._stop_if_wrong()
         outputs = tuple(self._output(name, unit, records) for name, unit in units.items())
         free = self._free(first, outputs, systems)
         for record in records:
             self._check_excitation(record, outputs)
-        if self.problems:
-            raise DescriptionError(self.problems)
+        self._stop_if_wrong()
         data = self.data
         return Fit(
             self.name,
@@ -243,6 +240,14 @@ class _Reader:
     def _problem(self, key: str, text: str) -> None:
         self.problems.append(f"{self.name}: {key}: {text}")
 
+    def _problems(self, key: str, error: DescriptionError | ValueError) -> None:
+        for text in error.problems if isinstance(error, DescriptionError) else (str(error),):
+            self._problem(key, text)
+
+    def _stop_if_wrong(self) -> None:
+        if self.problems:
+            raise DescriptionError(self.problems)
+
     # records and their systems
 
     def _read(self, name: str, given: RecordData) -> Record | None:
@@ -254,7 +259,7 @@ class _Reader:
                 self.folder / given.file, time=given.time, sampling_time=given.sampling_time, columns=columns
             )
         except DescriptionError as error:
-            self.problems += [f"{self.name}: records.{name}: {problem}" for problem in error.problems]
+            self._problems(f"records.{name}", error)
             return None
         if note := record.uneven():
             self.notes.append(note)
@@ -288,9 +293,7 @@ class _Reader:
             wanted = [output.signal for output in self.data.outputs.values()]
             return system.changed(given.start, record=list(dict.fromkeys(wanted)), decimation=1)
         except (DescriptionError, ValueError) as error:
-            found = error.problems if isinstance(error, DescriptionError) else (str(error),)
-            new = [f"{self.name}: records.{name}: {problem}" for problem in found]
-            self.problems += new
+            self._problems(f"records.{name}", error)
             return None
 
     def _shift(self, record: Record) -> float:
@@ -340,7 +343,7 @@ class _Reader:
         try:
             return system.variable(instance, variable).unit or "1"
         except DescriptionError as error:
-            self.problems += [f"{self.name}: outputs.{name}.signal: {problem}" for problem in error.problems]
+            self._problems(f"outputs.{name}.signal", error)
             return ""
 
     def _column(self, record: Record, output: str, column: str, unit: str) -> Array:
@@ -355,6 +358,14 @@ class _Reader:
             else:
                 self._problem(f"outputs.{output}", f"{record.path.name}, column {column}: {error}")
                 factor = 1.0
+        where = f"outputs.{output}: {record.path.name}, column {column}"
+        if not stated and unit != "1" and given.factor == 1.0:
+            self.notes.append(f'{where}: nothing says its unit: taken as {unit}. Say it: unit = "{unit}".')
+        if factor != 1.0 and math.isclose(abs(given.factor), factor, rel_tol=1e-3):
+            self.notes.append(
+                f"{where}: converted from {stated} to {unit}, and then multiplied by factor = {given.factor:g}. If "
+                "the factor is this conversion, leave it out."
+            )
         return values * (factor * given.factor)
 
     def _output(self, name: str, unit: str, records: Sequence[FitRecord]) -> Output:
@@ -366,20 +377,8 @@ class _Reader:
             if noise <= 0.0:
                 least = max(float(np.ptp(record.values[name][record.part])) for record in records)
                 noise = 1e-6 * least if least > 0.0 else 1.0
-        fixed = {
-            part: (value.start if value.start is not None else default) if isinstance(value, FreeData) else value
-            for part, value, default in (
-                ("delay", given.delay, 0.0),
-                ("gain", given.gain, 1.0),
-                ("bias", given.bias, 0.0),
-            )
-        }
-        for part, value in (("delay", given.delay), ("gain", given.gain), ("bias", given.bias)):
-            if isinstance(value, FreeData):
-                low = -math.inf if value.low is None else value.low
-                high = math.inf if value.high is None else value.high
-                fixed[part] = min(max(fixed[part], low), high)
-        if isinstance(given.delay, FreeData) and (given.delay.high is None or not math.isfinite(given.delay.high)):
+        fixed = {part: _first(value, 1.0 if part == "gain" else 0.0) for part, value in given.sensor.items()}
+        if isinstance(given.delay, FreeData) and not math.isfinite(given.delay.bounds[1]):
             self._problem(f"outputs.{name}.delay", "give its upper end: { from = 0.0, to = 2e-3 }.")
         return Output(name, given.signal, unit, noise, given.noise is not None, fixed)
 
@@ -395,26 +394,22 @@ class _Reader:
     # free values
 
     def _free(self, system: System, outputs: Sequence[Output], systems: Mapping[str, System]) -> tuple[Free, ...]:
-        found = [self._parameter(f"parameters.{path}", path, given, system) for path, given in self._given("")]
-        for name in self.data.records:
-            if name in systems and self.data.records[name].use == "fit":
+        parameters = self.data.parameters.items()
+        found = [self._parameter(f"parameters.{path}", path, given, system) for path, given in parameters]
+        for name, record in self.data.records.items():
+            if name in systems and record.use == "fit":
                 found += [
                     self._parameter(f"records.{name}.free.{path}", path, given, systems[name], name)
-                    for path, given in self._given(name)
+                    for path, given in record.free.items()
                 ]
         for output in outputs:
-            data = self.data.outputs[output.name]
-            for part, unit, value in (
-                ("delay", "s", data.delay),
-                ("gain", "1", data.gain),
-                ("bias", output.unit, data.bias),
-            ):
+            units = {"delay": "s", "gain": "1", "bias": output.unit}
+            for part, value in self.data.outputs[output.name].sensor.items():
                 if isinstance(value, FreeData):
-                    low = -math.inf if value.low is None else value.low
-                    high = math.inf if value.high is None else value.high
-                    start = output.fixed[part]
-                    name = f"{output.name} {part}"
-                    found.append(Free(name, unit, start, low, high, value.log, output=output.name, part=part))
+                    name, start = f"{output.name} {part}", output.fixed[part]
+                    found.append(
+                        Free(name, units[part], start, *value.bounds, value.log, output=output.name, part=part)
+                    )
         kept = [free for free in found if free is not None]
         taken: dict[tuple[str, str], str] = {}
         for free in kept:
@@ -423,10 +418,6 @@ class _Reader:
                 if other != free.name or (free.record and (variable, "") in taken):
                     self._problem(f"parameters.{free.name}", f"'{variable}' is free twice. Keep one.")
         return tuple(kept)
-
-    def _given(self, record: str) -> Sequence[tuple[str, ParameterData]]:
-        table = self.data.records[record].free if record else self.data.parameters
-        return list(table.items())
 
     def _parameter(self, key: str, path: str, given: ParameterData, system: System, record: str = "") -> Free | None:
         before = len(self.problems)
@@ -444,10 +435,7 @@ class _Reader:
         for end, text in ((given.low, "from"), (given.high, "to")):
             if end is not None and not low <= end <= high:
                 self._problem(f"{key}.{text}", f"{end:g} lies outside {low:g} ... {high:g}, the bounds of the FMU.")
-        low, high = (
-            max(low, given.low if given.low is not None else low),
-            min(high, given.high if given.high is not None else high),
-        )
+        low, high = max(low, given.bounds[0]), min(high, given.bounds[1])
         unit = variable.unit or "1"
         if not low <= start <= high:
             self._problem(key, f"starts at {start:g} {unit}, outside {low:g} ... {high:g}. Give a start within.")
@@ -471,14 +459,10 @@ class _Reader:
         try:
             variable = system.variable(instance, name)
         except DescriptionError as error:
-            self.problems += [f"{self.name}: {key}: {problem}" for problem in error.problems]
+            self._problems(key, error)
             return None
         if not variable.settable or variable.type != "Real":
-            what = (
-                f"a {variable.variability} {variable.causality}"
-                if not variable.settable
-                else f"of type {variable.type}"
-            )
+            what = f"of type {variable.type}" if variable.settable else f"a {variable.variability} {variable.causality}"
             self._problem(key, f"'{path}' is {what}. Only start values that are real numbers can be free.")
             return None
         if any(connection.target == (instance, name) for connection in system.connections):
@@ -493,6 +477,14 @@ def _still(output: Output, values: Array) -> str:
         return f"{output.name} is {values[0]:g} {output.unit} throughout"
     varies = f"{output.name} varies by {float(np.std(values)):.3g} {output.unit} rms"
     return f"{varies}, its noise is {output.noise:.3g} {output.unit}"
+
+
+def _first(value: float | FreeData, default: float) -> float:
+    """The first value of the search, or the value of a number that is not free."""
+    if not isinstance(value, FreeData):
+        return value
+    low, high = value.bounds
+    return min(max(default if value.start is None else value.start, low), high)
 
 
 def _most(value: float | FreeData) -> float:

@@ -6,7 +6,6 @@ import math
 import threading
 import time as clock_time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Self, cast
 
@@ -16,7 +15,7 @@ from ..errors import CosimError, SimulationError
 from ..result.metrics import Array
 from ..result.result import Result
 from .fit_file import Fit, FitRecord, Free, Output
-from .workers import Limit, Loadable, LoadError, Worker, Workers
+from .workers import Limit, Loadable, LoadError, Pool, Worker
 
 Traces = Mapping[str, Array]
 """Name of a signal -> its values at the communication points of a run."""
@@ -58,8 +57,7 @@ class Runs:
         signals = tuple(dict.fromkeys(output.signal for output in fit.outputs))
         self._judge = partial(traces, signals=signals)
         self._limit = Limit(fit.timeout)
-        self._workers = Workers()
-        self._pool = ThreadPoolExecutor(workers)
+        self._pool = Pool(workers)
         self._known: dict[tuple[str, tuple[float, ...]], Traces | CosimError] = {}
         self._lock = threading.Lock()
 
@@ -67,9 +65,7 @@ class Runs:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._workers.stop()
-        self._pool.shutdown()
+        self._pool.stop()
 
     def traces(self, points: Sequence[Array], records: Sequence[FitRecord]) -> list[list[Traces | CosimError]]:
         """For each point and record the signals, or the error of a failed run.
@@ -104,9 +100,8 @@ class Runs:
     def _key(self, point: Array, record: FitRecord) -> tuple[str, tuple[float, ...]]:
         return record.name, tuple(self.changes(point, record).values())
 
-    def _run(self, what: tuple[Array, FitRecord]) -> Traces | CosimError:
+    def _run(self, worker: Worker, what: tuple[Array, FitRecord]) -> Traces | CosimError:
         point, record = what
-        worker: Worker = self._workers.mine()
         begun = clock_time.perf_counter()
         found: Traces | CosimError
         try:

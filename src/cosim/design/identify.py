@@ -181,14 +181,7 @@ def nct_from_signals(
     rate = direction * velocity if velocity is not None else smooth_slope(place, step, end, noise)
     if abs(float(rate[-1])) > 1e-2 * float(np.max(rate[end:])):
         raise DescriptionError("the stage still moves at the end of the record. Record until it rests.")
-    top = end + int(np.argmax(rate[end:]))
-    stopped = np.flatnonzero(rate[top:] <= 0.0)
-    last = top + int(stopped[0]) if stopped.size else time.size - 1
-    if last - top < 8:
-        raise DescriptionError(f"only {last - top} samples between the largest velocity and rest: sample faster.")
-    share = float(rate[last - 1] / (rate[last - 1] - rate[last]))
-    stop = float(place[last - 1] + share * (place[last] - place[last - 1]))
-
+    top, last, stop = _coasting(place, rate, end)
     errors = (stop - place[top:last])[::-1]
     kept = errors > max(1e-8, 3.0 * noise)
     errors, rates = errors[kept], rate[top:last][::-1][kept]
@@ -212,6 +205,17 @@ def nct_from_signals(
         measured_error=errors,
         measured_rate=rates,
     )
+
+
+def _coasting(place: Array, rate: Array, end: int) -> tuple[int, int, float]:
+    """The sample of the largest velocity after the pulse, the first sample at rest, and the position at that rest."""
+    top = end + int(np.argmax(rate[end:]))
+    stopped = np.flatnonzero(rate[top:] <= 0.0)
+    last = top + int(stopped[0]) if stopped.size else rate.size - 1
+    if last - top < 8:
+        raise DescriptionError(f"only {last - top} samples between the largest velocity and rest: sample faster.")
+    share = float(rate[last - 1] / (rate[last - 1] - rate[last]))
+    return top, last, float(place[last - 1] + share * (place[last] - place[last - 1]))
 
 
 def linear_part(

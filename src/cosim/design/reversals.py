@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -14,7 +13,7 @@ from ..result.metrics import Array, rms
 from ..system.system import System, make_system
 from ..system.written import connection_entries
 from .names import AxisNames, axis_names
-from .workers import Limit, Loadable, WorkerError, Workers, check_workers, simulation_of
+from .workers import Limit, Loadable, Pool, Worker, WorkerError, check_workers, simulation_of
 
 LEAD_IN, LEAD_OUT = 0.6, 0.5
 """Time in s before the reversal at which a run starts, and time after it within which the error has its peak."""
@@ -175,23 +174,20 @@ class AxisRuns:
         self.T_s = float(self.system.step_size)
         self.count = 0
         self._longest = Limit(timeout)
-        self._pool = ThreadPoolExecutor(workers)
-        self._workers = Workers()
+        self._pool = Pool(workers)
 
     def __enter__(self) -> AxisRuns:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._workers.stop()
-        self._pool.shutdown()
+        self._pool.stop()
 
     def errors(self, jobs: Sequence[Job]) -> list[list[Array]]:
         """Position errors in m after the reversal, one array for each pulse of each job.
 
         Raises WorkerError if a run crashes or takes too long.
         """
-        found = list(self._pool.map(self._errors, jobs))
+        found = self._pool.map(self._errors, jobs)
         self.count += sum(len(pulses) for _, pulses, _ in jobs)
         return found
 
@@ -199,10 +195,10 @@ class AxisRuns:
         """J in m of every pulse of every job."""
         return [[rms(error) for error in errors] for errors in self.errors(jobs)]
 
-    def _errors(self, job: Job) -> list[Array]:
+    def _errors(self, worker: Worker, job: Job) -> list[Array]:
         """The errors of a job; its time limit is that of its runs and of one more run up to the reversal."""
         acceleration, pulses, _ = job
-        worker, count = self._workers.mine(), len(pulses) + 1
+        count = len(pulses) + 1
         limit = Limit(self._longest.seconds * count)
         try:
             found = worker.run(self.given.system, reversal_errors, self.given, job, limit=limit)

@@ -356,15 +356,21 @@ def limit_map(
                 first = start_share * limit.value
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
-                at_once = math.isnan(searched.stable)
-                linear = linear_limits(w, case.alpha * T_s)[1]
-                practical, simulated = (
-                    practical_zeta(value, w, alpha=case.alpha, K=K, T_s=T_s)
-                    for value in (limit.value, first if at_once else searched.value)
-                )
-                points.append(MapPoint(case.name, w, linear, practical, simulated, at_once))
+                points.append(_map_point(case, w, limit.value, first, searched, K=K, T_s=T_s))
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
+
+
+def _map_point(
+    case: Case, w: float, ultimate: float, first: float, searched: Limit, *, K: float, T_s: float
+) -> MapPoint:
+    """The limits of a case at W = ``w``; ``first`` is the gain at which the search began."""
+    at_once = math.isnan(searched.stable)
+    practical, found = (
+        practical_zeta(gain, w, alpha=case.alpha, K=K, T_s=T_s)
+        for gain in (ultimate, first if at_once else searched.value)
+    )
+    return MapPoint(case.name, w, linear_limits(w, case.alpha * T_s)[1], practical, found, at_once)
 
 
 @contextlib.contextmanager

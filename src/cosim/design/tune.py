@@ -27,8 +27,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -45,7 +44,7 @@ from ..result.metrics import Array
 from ..system.system import System
 from .documents import RangeData, TuningData
 from .plan import Metric, check_values, figures_of, measure, recording, system_of, variable_of
-from .workers import Limit, Loadable, LoadError, Workers, check_workers
+from .workers import Limit, Loadable, LoadError, Pool, Worker, check_workers
 
 EDGE = 0.03
 """A value within this share of its range from an end counts as at the end: the search takes no exact ends."""
@@ -147,7 +146,7 @@ def make_tuning(
 class _Evaluator:
     """Runs of the system at points of the unit cube, by several workers."""
 
-    def __init__(self, tuning: Tuning, workers: int, progress: Callable[[int, Trial | None], None]) -> None:
+    def __init__(self, tuning: Tuning, pool: Pool, progress: Callable[[int, Trial | None], None]) -> None:
         self.tuning = tuning
         self.trials: list[Trial] = []
         self.best: Trial | None = None
@@ -155,17 +154,20 @@ class _Evaluator:
         self._system = Loadable.of(tuning.system)
         self._judge = partial(measure, wanted=tuning.metrics, window=tuning.window)
         self._limit = Limit(tuning.timeout)
-        self._workers = Workers()
-        self._pool = ThreadPoolExecutor(workers)
+        self._pool = pool
 
-    def close(self) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._workers.stop()
-        self._pool.shutdown()
+    def objective(self, shares: Array) -> Any:
+        """One number that orders points by Deb's rules: points that keep all limits are below 0.5, others above 1."""
+        flat = shares.ndim == 1
+        scored = self.scores(shares[:, None] if flat else shares)
+        ordered = np.arctan(scored[0]) / math.pi
+        over = scored[1] > 0.0
+        ordered[over] = 1.0 + scored[1][over]
+        return float(ordered[0]) if flat else ordered
 
     def scores(self, shares: Array) -> Array:
         """Objective and excess, shape (2, points), of points given as columns (scipy's vectorized form)."""
-        found = list(self._pool.map(self.trial, shares.T))
+        found = self._pool.map(self.trial, shares.T)
         for trial in found:
             self.trials.append(trial)
             if self.best is None or _key(trial, self.tuning) < _key(self.best, self.tuning):
@@ -173,12 +175,11 @@ class _Evaluator:
         self.progress(len(self.trials), self.best)
         return np.array([_key(trial, self.tuning)[::-1] for trial in found]).T
 
-    def trial(self, shares: Sequence[float] | Array) -> Trial:
+    def trial(self, worker: Worker, shares: Array) -> Trial:
         """One run; ``shares`` (0 ... 1) are the positions of the parameters in their ranges."""
         tuning = self.tuning
         values = tuple(reach.at(float(share)) for reach, share in zip(tuning.ranges, shares, strict=True))
         changes = dict(zip(tuning.parameters, values, strict=True))
-        worker = self._workers.mine()
         try:
             figures = worker.evaluate(self._system, changes, self._judge, self._limit)
         except LoadError:
@@ -223,38 +224,27 @@ def tune(
     optimize = cast(Any, _optimize)
     tuning = source if isinstance(source, Tuning) else read_tuning(source, fmus=fmus)
     check_workers(workers)
-    evaluator = _Evaluator(tuning, workers, progress)
-
-    def objective(shares: Array) -> Any:
-        """One number that orders points by Deb's rules: points that keep all limits are below 0.5, others above 1."""
-        flat = shares.ndim == 1
-        scored = evaluator.scores(shares[:, None] if flat else shares)
-        ordered = np.arctan(scored[0]) / math.pi
-        over = scored[1] > 0.0
-        ordered[over] = 1.0 + scored[1][over]
-        return float(ordered[0]) if flat else ordered
-
-    try:
-        found = optimize.differential_evolution(
-            objective,
-            [(0.0, 1.0)] * len(tuning.ranges),
-            maxiter=tuning.generations,
-            popsize=tuning.population,
-            rng=tuning.seed,
-            init="sobol",
-            polish=False,
-            updating="deferred",
-            vectorized=True,
-            tol=1e-4,
-        )
-    except KeyboardInterrupt:
-        if evaluator.best is not None:
-            values = zip(tuning.parameters, evaluator.best.values, strict=True)
-            told = ", ".join(f"{name} = {value:.7g}" for name, value in values)
-            _log.warning("interrupted after %d runs. The best so far: %s", len(evaluator.trials), told)
-        raise
-    finally:
-        evaluator.close()
+    with Pool(workers) as pool:
+        evaluator = _Evaluator(tuning, pool, progress)
+        try:
+            found = optimize.differential_evolution(
+                evaluator.objective,
+                [(0.0, 1.0)] * len(tuning.ranges),
+                maxiter=tuning.generations,
+                popsize=tuning.population,
+                rng=tuning.seed,
+                init="sobol",
+                polish=False,
+                updating="deferred",
+                vectorized=True,
+                tol=1e-4,
+            )
+        except KeyboardInterrupt:
+            if evaluator.best is not None:
+                values = zip(tuning.parameters, evaluator.best.values, strict=True)
+                told = ", ".join(f"{name} = {value:.7g}" for name, value in values)
+                _log.warning("interrupted after %d runs. The best so far: %s", len(evaluator.trials), told)
+            raise
     best = evaluator.best
     if best is None or best.excess >= WORST:
         errors = [trial.error for trial in evaluator.trials if trial.error]

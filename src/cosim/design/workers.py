@@ -20,14 +20,15 @@ import sys
 import threading
 import time as clock_time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar, cast
 
 from ..errors import CosimError, DescriptionError, FileError, SimulationError
 from ..files import reason, temporary_folder
-from ..master.child import Channel, high
+from ..master.child import Channel, high, sent
 from ..master.process import FmuProcess, signal_text
 from ..master.signals import ENDING
 from ..master.simulation import Simulation
@@ -35,6 +36,7 @@ from ..result.result import Result
 from ..system.system import System, make_system
 
 T = TypeVar("T")
+Item = TypeVar("Item")
 Answer = tuple[str, Any, bool]
 """Kind of the answer, its content, and whether the settings of the process are unchanged."""
 
@@ -54,7 +56,7 @@ Run times of a system differ, since parameters change its stiffness, and a loade
 """
 
 UNKNOWN_SECONDS = 3600.0
-"""Time limit of loading, and of runs before the first run has ended: their time cannot be estimated."""
+"""Time limit of loading, and of runs before the first run has ended, if none is given: their time is not known."""
 
 
 def check_workers(count: int, least: int = 1) -> None:
@@ -296,17 +298,20 @@ class Worker:
         """
         for _ in range(KILLS - 1):
             with contextlib.suppress(WorkerKilled):
-                self.prepare(loadable)
+                self.prepare(loadable, limit.given)
                 return self.call(function, *arguments, limit=limit)
-        self.prepare(loadable)
+        self.prepare(loadable, limit.given)
         return self.call(function, *arguments, limit=limit)
 
-    def prepare(self, loadable: Loadable) -> None:
-        """Load the system in the worker's process, within ``UNKNOWN_SECONDS``. Raises LoadError."""
+    def prepare(self, loadable: Loadable, given: float | None) -> None:
+        """Load the system in the worker's process. Raises LoadError.
+
+        ``given`` is the time limit of a run in s, if the user gave one. Loading may take longer than a short run.
+        """
         if self._ready == loadable.digest and self._process is not None and not self._process.ended():
             return
         try:
-            self.call(load, loadable, limit=Limit(UNKNOWN_SECONDS))
+            self.call(load, loadable, limit=Limit(UNKNOWN_SECONDS if given is None else max(given, LEAST_SECONDS)))
         except WorkerKilled:
             raise
         except WorkerError as error:
@@ -404,7 +409,7 @@ class Worker:
         code = process.code
         self.close()
         if code is None:
-            return WorkerError("an FMU closed the connection of its process.")
+            return WorkerError("an FMU closed or damaged the connection of its process.")
         if hasattr(signal, "SIGKILL") and code == -signal.SIGKILL:
             return WorkerKilled(f"the process of the FMUs was killed {KILLS} times: {signal_text(-code)}.")
         if code < 0:
@@ -417,10 +422,9 @@ class Worker:
 
 def _read(file: BinaryIO, answers: queue.SimpleQueue[Answer | None]) -> None:
     """Put answers where the owner waits for them, and None after the last one."""
-    with contextlib.suppress(OSError, ValueError, EOFError, pickle.UnpicklingError), file:
-        while header := file.read(8):
-            content = file.read(int.from_bytes(header, "little"))
-            answers.put(pickle.loads(content))
+    with file:
+        for answer in sent(file):
+            answers.put(answer)
     answers.put(None)
 
 
@@ -433,19 +437,13 @@ def _opened(answer: Answer) -> Any:
 
 
 class Workers:
-    """A worker for each thread that asks for one; a context manager that ends them all."""
+    """A worker for each thread that asks for one."""
 
     def __init__(self) -> None:
         self._own = threading.local()
         self._all: list[Worker] = []
         self._stopped = False
         self._lock = threading.Lock()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.stop()
 
     def mine(self) -> Worker:
         """The worker of this thread."""
@@ -464,3 +462,35 @@ class Workers:
             self._stopped = True
             for worker in self._all:
                 worker.stop()
+
+
+class Pool:
+    """Threads of this process, each with a worker; a context manager that does not wait for the runs in progress."""
+
+    def __init__(self, count: int) -> None:
+        self._threads = ThreadPoolExecutor(count)
+        self._workers = Workers()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End all workers; calls in progress fail."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        self._workers.stop()
+        self._threads.shutdown()
+
+    def submit(self, call: Callable[[Worker], T]) -> Future[T]:
+        """Have ``call`` done by a thread, with its worker."""
+        return self._threads.submit(lambda: call(self._workers.mine()))
+
+    def map(self, call: Callable[[Worker, Item], T], items: Iterable[Item]) -> list[T]:
+        """The values of ``call`` for all items, in their order. Raises what the first failed call raises."""
+
+        def with_worker(item: Item) -> T:
+            return call(self._workers.mine(), item)
+
+        return list(self._threads.map(with_worker, items))

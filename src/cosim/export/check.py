@@ -38,7 +38,16 @@ KINDS: dict[type[Component], tuple[tuple[str, ...], tuple[str, ...]]] = {
 """For each kind of component: the names of its records and of its equations."""
 IMPURE = {
     *("random", "secrets", "uuid", "time", "datetime", "os", "sys", "io", "pathlib", "socket", "threading", "warnings"),
-    *("numpy.random", "_io.open", "builtins.print", "builtins.input", "builtins.eval", "builtins.exec"),
+    *(
+        "numpy.random",
+        "_io.open",
+        "builtins.print",
+        "builtins.hash",
+        "builtins.id",
+        "builtins.input",
+        "builtins.eval",
+        "builtins.exec",
+    ),
 }
 """Modules and functions whose results do not depend on their arguments alone, or that have side effects."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*(\.[A-Za-z_][A-Za-z_0-9]*)*")

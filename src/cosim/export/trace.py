@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, cast
 
 from ..errors import TraceError
@@ -24,6 +25,8 @@ from .variant import NoteText, Symbols, Variant, depends
 
 MAX_VARIANTS = 256
 """Most combinations of bool and Choice parameters: each is traced and printed, so more would make slow builds."""
+RUNTIME_PARAMETERS = ("T_s", "tolerance")
+"""Parameters that the runtime of an FMU uses, whether or not an equation does."""
 MAX_ROWS = 4096
 """Most rows of the table of variants. A row holds nine pointers, so the largest table has about 0.3 MB."""
 
@@ -55,6 +58,8 @@ class Trace:
     derivative_states: tuple[frozenset[int], ...] = field(default=())
     initial_parameters: dict[str, frozenset[int]] = field(default_factory=dict[str, frozenset[int]])
     initial_inputs: dict[str, frozenset[int]] = field(default_factory=dict[str, frozenset[int]])
+    remarks: tuple[str, ...] = ()
+    """Remarks for the author of the component: what is legal, but probably a mistake."""
 
 
 def _members(scalar: Scalar) -> tuple[Any, ...]:
@@ -64,6 +69,7 @@ def _members(scalar: Scalar) -> tuple[Any, ...]:
     return tuple(sorted(cast("type[Choice]", type(scalar.start)), key=choice_number))
 
 
+@lru_cache(maxsize=1)
 def trace(kind: type[Component]) -> Trace:
     """Trace every variant of a component.
 
@@ -118,7 +124,45 @@ def trace(kind: type[Component]) -> Trace:
         derivative_states=union(lambda v: v.derivative, "x", n_c),
         initial_parameters=initial_parameters,
         initial_inputs=initial_inputs,
+        remarks=tuple(_remarks(kind, list(collected.values()), choices, variants)),
     )
+
+
+def _remarks(
+    kind: type[Component],
+    traced: Sequence[Variant],
+    choices: Sequence[tuple[int, int, int]],
+    variants: Sequence[tuple[str, ...]],
+) -> Iterator[str]:
+    """Parameters and inputs that no equation uses, and states whose derivative is the state itself."""
+    name = kind.__name__
+    rows = [r for v in traced for r in (*v.output, *v.derivative, *v.next, *v.update, *v.initial, *v.rules, *v.notes)]
+    numbers = list(itertools.product(*(range(count) for _, _, count in choices)))
+    used = {"p": set[int](), "u": set[int]()}
+    for letter, found in used.items():
+        found.update(*(depends(row, letter) for row in rows))
+    for k, (index, _, _) in enumerate(choices):
+        groups: dict[tuple[int, ...], set[tuple[str, ...]]] = {}
+        for number, functions in zip(numbers, variants, strict=True):
+            groups.setdefault((*number[:k], *number[k + 1 :]), set()).add(functions)
+        if any(len(group) > 1 for group in groups.values()):
+            used["p"].add(index)
+    for owner, letter, what in ((kind, "p", "parameter"), (kind.Input, "u", "input")):
+        members: dict[str, list[int]] = {}
+        for index, scalar in enumerate(scalars(owner)):
+            members.setdefault(scalar.declaration.name, []).append(index)
+        for member, indices in members.items():
+            if member not in RUNTIME_PARAMETERS and not used[letter].intersection(indices):
+                yield f"{name}: no equation uses the {what} {member}. Take it out, or use it."
+    for i, state in enumerate(ordered_states(kind)[0]):
+        if any(
+            i < len(v.derivative) and v.derivative[i].is_symbolic() and i in depends(v.derivative[i], "x")
+            for v in traced
+        ):
+            yield (
+                f"{name}: the derivative of {state.name} is {state.name} itself, as replace(x, ...) leaves it: it "
+                "grows exponentially. Give its derivative, such as 0.0."
+            )
 
 
 def _traced(

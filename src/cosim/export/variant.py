@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import random
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple, cast
 from ..errors import TraceError, suggest
 from ..model import (
     FUNCTIONS,
+    Choice,
     Component,
     Controller,
     Declaration,
@@ -27,6 +29,11 @@ from . import place
 from .interface import Scalar, scalars, unchecked
 from .symbol import Symbol, casadi, expression
 
+POINTS = 3
+"""Number of points at which methods are called with numbers. One may lie where the method raises an error."""
+SAME, SMALLEST = 1e-6, 1e-9
+"""Largest relative difference that rounding of expressions in another order explains, and the smallest value that is
+compared."""
 ALLOWED = f"Equations use arithmetic, comparisons and these functions of cosim.model: {', '.join(FUNCTIONS)}."
 
 
@@ -70,8 +77,9 @@ class Variant:
     ) -> None:
         self.kind, self.symbols, self.n_continuous = kind, symbols, n_continuous
         with _watched(kind.State, kind.Output):
-            rows = self._evaluated(arguments, states)
-            again = self._evaluated(arguments, states)
+            at = self._symbolic(symbols)
+            rows = self._evaluated(arguments, states, at)
+            again = self._evaluated(arguments, states, at)
         self.rule_texts, self.note_texts = rows.rules, rows.notes
         for method, known in rows.known.items():
             if (
@@ -83,6 +91,7 @@ class Variant:
                     f"{place.of_method(kind, method)}: {kind.__name__}.{method} gives another result when it is called "
                     "again with the same arguments. Take out random numbers, clocks and what a call leaves behind."
                 )
+        self._compare_numbers(rows, arguments, states)
         self.rules, self.initial, self.output = rows.known["rules"], rows.known["initial"], rows.known["output"]
         self.notes = rows.known["notes"]
         discrete = rows.known.get("update", [])
@@ -102,15 +111,48 @@ class Variant:
         )
         self.directional = _dense(casadi.jtimes(unknown, known, direction)) if symbols.known else []
 
-    def _evaluated(self, arguments: Sequence[Any], states: Sequence[Scalar]) -> _Rows:
+    @staticmethod
+    def _symbolic(symbols: Symbols) -> _Point:
+        return _Point(Symbol(symbols.t), [Symbol(s) for s in symbols.x], [Symbol(s) for s in symbols.u])
+
+    def _compare_numbers(self, rows: _Rows, arguments: Sequence[Any], states: Sequence[Scalar]) -> None:
+        """Raise TraceError if a method gives other results for numbers than its expressions have there.
+
+        Such a method asks whether a value is a number (isinstance, try, is): its Python FMU and its native FMU differ.
+        A point at which the method raises an error, or gives values that are not finite, decides nothing.
+        """
+        draw, symbols = random.Random(0), self.symbols
+        parameters, inputs = scalars(self.kind), scalars(self.kind.Input)
+        unknown = casadi.vertcat(symbols.t, *symbols.x, *symbols.u, *symbols.p)
+        functions = {m: casadi.Function("f", [unknown], [casadi.vertcat(*known)]) for m, known in rows.known.items()}
+        for _ in range(POINTS):
+            p = [_near(s, draw) if isinstance(a, Symbol) else a for s, a in zip(parameters, arguments, strict=True)]
+            at = _Point(draw.random(), [_near(s, draw) for s in states], [_near(s, draw) for s in inputs])
+            try:
+                numbers = self._evaluated(p, states, at)
+            except TraceError:
+                continue
+            given = casadi.vertcat(at.t, *at.x, *at.u, *(0.0 if isinstance(v, Choice) else float(v) for v in p))
+            for method, function in functions.items():
+                found = function(given).full().ravel()
+                for traced, value in zip(found, map(float, numbers.known[method]), strict=True):
+                    largest = max(abs(traced), abs(value), SMALLEST)
+                    if abs(traced - value) > SAME * largest:  # false for NaN
+                        raise self._refuse(
+                            method,
+                            f"gives {value:.6g} for numbers, where its equations give {traced:.6g}. Take out what "
+                            "treats numbers in another way, such as isinstance, try or is.",
+                        )
+
+    def _evaluated(self, arguments: Sequence[Any], states: Sequence[Scalar], at: _Point) -> _Rows:
         """The results of each method; states are in the order of the FMU."""
-        kind, symbols = self.kind, self.symbols
+        kind = self.kind
         component = unchecked(kind, arguments)
         order = {scalar.name: i for i, scalar in enumerate(states)}
         declared = [scalar.name for scalar in scalars(kind.State)]
-        x = kind.State(**unflatten(kind.State, (Symbol(symbols.x[order[name]]) for name in declared)))
-        u = kind.Input(**unflatten(kind.Input, (Symbol(s) for s in symbols.u)))
-        t = Symbol(symbols.t)
+        x = kind.State(**unflatten(kind.State, (at.x[order[name]] for name in declared)))
+        u = kind.Input(**unflatten(kind.Input, iter(at.u)))
+        t = at.t
 
         def state(method: str, value: Any, needed: Callable[[Declaration], bool]) -> list[Any]:
             flat = self._record(method, kind.State, value, needed)
@@ -222,6 +264,23 @@ class NoteText(NamedTuple):
     limit_name: str
     unit: str
     text: str
+
+
+class _Point(NamedTuple):
+    """Time, states in the order of the FMU, and inputs: symbols or numbers."""
+
+    t: Any
+    x: Sequence[Any]
+    u: Sequence[Any]
+
+
+def _near(scalar: Scalar, draw: random.Random) -> Any:
+    """A number near the start value and within the bounds; a start value that is no float itself."""
+    if not isinstance(scalar.start, float):
+        return scalar.start
+    declaration = scalar.declaration
+    size = 0.1 * abs(scalar.start) or declaration.nominal
+    return min(max(scalar.start + size * draw.uniform(-1.0, 1.0), declaration.min), declaration.max)
 
 
 class _Rows:

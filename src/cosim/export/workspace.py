@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from ..errors import CosimError, DescriptionError, suggest
 from ..model import Component
@@ -142,12 +142,25 @@ class Workspace:
         """Whether ``target`` was built from the present source files, with any tools and for any platforms."""
         return self._known(target, sources=self.sources(name, flavour))
 
-    def remember(self, name: str, platforms: Sequence[str], target: Path, flavour: Flavour = "native") -> None:
-        """Note that ``target`` has just been built."""
+    def remember(
+        self,
+        name: str,
+        platforms: Sequence[str],
+        target: Path,
+        flavour: Flavour = "native",
+        remarks: Sequence[str] = (),
+    ) -> None:
+        """Note that ``target`` has just been built, with ``remarks`` for its author."""
         stamp = self._stamp(target)
         stamp.parent.mkdir(parents=True, exist_ok=True)
-        entry = {"key": self.key(name, platforms, flavour), "sources": self.sources(name, flavour)}
-        stamp.write_text(json.dumps({**entry, "sha256": hashlib.sha256(target.read_bytes()).hexdigest()}))
+        entry: dict[str, Any] = {"key": self.key(name, platforms, flavour), "sources": self.sources(name, flavour)}
+        entry |= {"sha256": hashlib.sha256(target.read_bytes()).hexdigest(), "remarks": list(remarks)}
+        stamp.write_text(json.dumps(entry))
+
+    def remarks(self, target: Path) -> list[str]:
+        """The remarks for the author of the FMU ``target``, from when it was built."""
+        stamp = self._stamp(target)
+        return list(json.loads(stamp.read_text()).get("remarks", ())) if stamp.is_file() else []
 
     def _known(self, target: Path, **wanted: str) -> bool:
         """Whether ``target`` is unchanged since its stamp was written, and the stamp has the values ``wanted``."""
@@ -163,11 +176,13 @@ class Workspace:
 
 
 def _timed_build(workspace: Workspace, name: str, output: Path, platforms: tuple[str, ...], flavour: Flavour) -> float:
+    from .trace import trace  # imports CasADi: only for builds
+
     start = time.perf_counter()
     kind = workspace.component(name)
     if flavour == "python":
         target = build_python(kind, output, workspace.cache, platforms)
     else:
         target = build(kind, output, workspace.cache, platforms, 3 if flavour == "fmi3" else 2)
-    workspace.remember(name, platforms, target, flavour)
+    workspace.remember(name, platforms, target, flavour, trace(kind).remarks)  # the trace of this build
     return time.perf_counter() - start

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import shutil
 import stat
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
-from ..errors import DescriptionError
+from ..errors import CosimError, DescriptionError
 from ..files import Replacement
 
 MAX_MEMBERS = 20_000
@@ -23,6 +25,24 @@ MAX_TOTAL_BYTES = 2**30
 
 Choice = Callable[[str], bool]
 """A function of a member's name that selects members."""
+
+
+@contextlib.contextmanager
+def opened(path: Path, content: bytes | None = None) -> Generator[zipfile.ZipFile]:
+    """The archive at ``path``, to be read in a ``with`` block; ``content`` is its content if it was read before.
+
+    Raises DescriptionError if the archive is damaged, whenever this shows in the block, and OSError.
+    """
+    try:
+        with zipfile.ZipFile(path if content is None else io.BytesIO(content)) as archive:
+            archive.filename = str(path)
+            yield archive
+    except (CosimError, OSError):
+        raise
+    except Exception as error:  # zipfile raises exceptions of many classes for a damaged archive
+        raise DescriptionError(
+            f"{path.name}: not a readable zip archive ({error}). Build or download it again."
+        ) from None
 
 
 def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True) -> list[zipfile.ZipInfo]:

@@ -11,8 +11,6 @@ import os
 import re
 import stat
 import sys
-import zipfile
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -24,7 +22,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from ..units import Unit, resolve_unit
-from .archive import checked_members, repeated, unpack
+from .archive import checked_members, opened, repeated, unpack
 from .reading import read_description
 from .variables import Variable, read_dependencies, read_variables
 
@@ -122,7 +120,7 @@ class Fmu:
         if _stamp(self.path) != self._stamp:
             raise DescriptionError(f"{self.path} changed after it was read. Read the system again.")
         binaries = str(PurePosixPath(self.library).parent) + "/"
-        with zipfile.ZipFile(self.path) as archive:
+        with opened(self.path) as archive:
             unpack(archive, folder, lambda name: name.startswith((binaries, "resources/")), _single)
         # The FMU is told the path of this folder. Some FMUs open it even if they have no resources.
         (folder / "resources").mkdir(exist_ok=True)
@@ -169,31 +167,34 @@ def _stamp(path: Path) -> tuple[int, int]:
 @lru_cache(maxsize=256)
 def _read(path: Path, stamp: tuple[int, int]) -> Fmu:
     content = path.read_bytes()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = checked_members(archive, _single)
-            names = [member.filename for member in members]
-            findings = [
-                f"'{name}' is in the archive more than once, with different content. The last counts."
-                for name in repeated(members)
-            ]
-            if "modelDescription.xml" not in names:
-                raise DescriptionError(f"{path.name}: no modelDescription.xml inside. This is not an FMU.")
-            member = archive.getinfo("modelDescription.xml")
-            if member.file_size > MAX_DESCRIPTION_BYTES:
-                raise DescriptionError(
-                    f"{path.name}: modelDescription.xml has {member.file_size / 2**20:.0f} MiB; "
-                    f"at most {MAX_DESCRIPTION_BYTES // 2**20} MiB are read."
-                )
-            xml = archive.read(member)
-            damaged = archive.testzip()
-            if damaged is not None:
-                raise DescriptionError(f"{path.name}: '{damaged}' is damaged. Build or download the FMU again.")
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        raise DescriptionError(
-            f"{path.name}: not a readable zip archive ({error}). Build or download the FMU again."
-        ) from None
+    with opened(path, content) as archive:
+        members = checked_members(archive, _single)
+        names = [member.filename for member in members]
+        findings = [
+            f"'{name}' is in the archive more than once, with different content. The last counts."
+            for name in repeated(members)
+        ]
+        if "modelDescription.xml" not in names:
+            raise DescriptionError(f"{path.name}: no modelDescription.xml inside.{_instead(names)}")
+        member = archive.getinfo("modelDescription.xml")
+        if member.file_size > MAX_DESCRIPTION_BYTES:
+            raise DescriptionError(
+                f"{path.name}: modelDescription.xml has {member.file_size / 2**20:.0f} MiB; "
+                f"at most {MAX_DESCRIPTION_BYTES // 2**20} MiB are read."
+            )
+        xml = archive.read(member)
+        damaged = archive.testzip()
+        if damaged is not None:
+            raise DescriptionError(f"{path.name}: '{damaged}' is damaged. Build or download the FMU again.")
     return _describe(path, stamp, hashlib.sha256(content).hexdigest(), xml, names, findings)
+
+
+def _instead(names: list[str]) -> str:
+    """A sentence for an archive without a description: the member that may be meant."""
+    for name in names:
+        if PurePosixPath(name).name.lower() == "modeldescription.xml":
+            return f" It has {name}: zip the content of the folder itself, and name this file modelDescription.xml."
+    return " This is not an FMU."
 
 
 def _describe(  # noqa: PLR0917

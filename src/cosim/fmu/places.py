@@ -92,9 +92,9 @@ def shipped_file(path: str | Path, folder: str | Path = ".") -> Path:
     path = Path(path)
     wanted = Path(folder) / path
     name = path.relative_to("studies") if path.is_relative_to("studies") else path
-    places = () if wanted.exists() or path.is_absolute() else study_folders()
+    places = () if os.path.exists(wanted) or path.is_absolute() else study_folders()
     candidates = (place / f"{name.as_posix()}{ending}" for place in places for ending in ("", ".toml"))
-    return next(filter(Path.is_file, candidates), wanted)
+    return next(filter(os.path.isfile, candidates), wanted)
 
 
 def shipped_systems() -> dict[str, Path]:

@@ -6,6 +6,7 @@ run needs. Parts that FMPy cannot read are mended first. Every such change is a 
 
 from __future__ import annotations
 
+import codecs
 import re
 from importlib import import_module
 from typing import Any
@@ -33,27 +34,55 @@ def read_description(source: str, xml: bytes) -> tuple[Any, list[str]]:
     ``source`` is the name of the FMU in messages.
     """
     said = f"{source}: modelDescription.xml"
+    xml, findings = _readable(xml)
     try:
         root = parse(xml)
     except Exception as error:  # a damaged file can raise any exception of lxml
         raise DescriptionError(f"{said}: cannot be read: {error}") from None
     if root.tag != "fmiModelDescription" or root.get("fmiVersion") is None:
         raise DescriptionError(f"{said}: this is not the description of an FMU.")
-    findings = _mend(root)
+    if root.find("ModelVariables") is None:
+        raise DescriptionError(f"{said}: has no ModelVariables. Export the FMU again.")
+    findings += _mend(root)
     with temporary_folder() as folder:
         file = folder / "modelDescription.xml"
         # If nothing was mended, the file is written unchanged: findings then have the line numbers of the original.
         file.write_bytes(import_module("lxml.etree").tostring(root) if findings else xml)
+        broken: list[str] = []
         try:
             return _completed(fmi.read_model_description(str(file), validate=True), root), findings
         except fmi.ValidationError as error:
-            findings += error.problems
+            broken += error.problems
         except Exception as error:  # FMPy raises bare exceptions
-            findings.append(f"FMPy cannot validate it: {_text(error, str(file))}")
+            broken.append(f"FMPy cannot validate it: {_text(error, str(file))}")
         try:
-            return _completed(fmi.read_model_description(str(file), validate=False), root), findings
+            return _completed(fmi.read_model_description(str(file), validate=False), root), [*findings, *broken]
         except Exception as error:
-            raise DescriptionError([f"{said}: cannot be read: {_text(error, str(file))}", *findings]) from None
+            # A broken rule tells more than the exception that follows from it.
+            wrong = broken if isinstance(error, TypeError | ValueError) else []
+            reasons = wrong or [_text(error, str(file))]
+            raise DescriptionError([f"{said}: cannot be read: {text}" for text in (*reasons, *findings)]) from None
+
+
+def _readable(xml: bytes) -> tuple[bytes, list[str]]:
+    """A description with the blanks before it removed, and read as Windows-1252 if it is not the UTF-8 that it claims.
+
+    Also returns one finding for each change.
+    """
+    findings: list[str] = []
+    if xml[:1].isspace():
+        xml = xml.lstrip()
+        findings.append("begins with blanks, which XML does not allow. Left out.")
+    stated = re.match(rb"""<\?xml[^>]*encoding=["']([\w-]+)""", xml)
+    if stated is None or stated[1].lower() == b"utf-8":
+        try:
+            xml.decode()
+        except UnicodeDecodeError as error:
+            if not xml.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+                line = xml.count(b"\n", 0, error.start) + 1
+                xml = xml.decode("cp1252", "replace").encode()
+                findings.append(f"line {line} is not UTF-8 text. Read as Windows-1252.")
+    return xml, findings
 
 
 def _text(error: Exception, file: str) -> str:
@@ -80,7 +109,7 @@ def _mend(root: Any) -> list[str]:
     """Change the parts of a description that FMPy cannot read. Returns one finding for each change."""
     findings: list[str] = []
     version = root.get("fmiVersion")
-    if re.fullmatch(r"2\.0\..+", version):
+    if re.fullmatch(r"\s*2(\.0(\..+)?)?\s*", version) and version != "2.0":
         root.set("fmiVersion", "2.0")
         findings.append(f'fmiVersion is "{version}". FMI 2.0 wants "2.0" for all its releases; read as such.')
     defined = {element.get("name") for element in root.iterfind("TypeDefinitions/*")}

@@ -5,6 +5,7 @@ A model is a pydantic class. A problem names the file, the key, what is wrong an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Annotated, Any, ClassVar, TypeVar, Union, cast, get_args, get
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, clipped, suggest
 from ..files import write_file
 from .text import read_toml
 
@@ -34,7 +35,10 @@ class Table(BaseModel):
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | Decimal):
         raise PydanticCustomError("not_a_number", "must be a number, not {value}", {"value": _shown(value)})
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def _scalar(value: object) -> bool | float | str:
@@ -139,7 +143,7 @@ def _shown(value: object) -> str:
         return "a table"
     if isinstance(value, list | tuple):
         return "a list"
-    return f"'{value}'" if isinstance(value, str) else f"{value}"
+    return f"'{clipped(value)}'" if isinstance(value, str) else clipped(f"{value}")
 
 
 def _place(steps: Sequence[str | int]) -> str:

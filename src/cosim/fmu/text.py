@@ -33,6 +33,10 @@ def read_text(path: Path, fallback: str = "") -> str:
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
+    if content.startswith(b"PK\x03\x04"):
+        raise DescriptionError(
+            f"{path}: is a zip archive, not text. Give an FMU, an SSP or a spreadsheet the ending of its kind."
+        )
     # UTF-16 without a mark can be valid UTF-8: its text is then full of zeros.
     if encoding == "utf-8" and b"\0" in content[:1000]:
         raise DescriptionError(f"{path}: is no text, or UTF-16 without a byte order mark. Save it as UTF-8.")

@@ -20,10 +20,10 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ..errors import CosimError, DescriptionError, FileError
 from ..files import reason
@@ -38,6 +38,9 @@ from .signals import ENDING, Presses
 
 HIGH = 400
 """Lowest file number of the pipes. Some FMUs close all low file numbers; they do not reach this one."""
+
+MAX_ITEM = 2**32
+"""Largest size of an item in bytes. A larger number means that the pipe holds something else."""
 
 THREAD_SECONDS = 0.1
 """Time that the process waits for threads that an FMU has left running, in case they crash."""
@@ -85,6 +88,20 @@ class Channel:
         with self._lock, contextlib.suppress(OSError):
             while view:
                 view = view[os.write(self._number, view) :]
+
+
+def sent(file: BinaryIO) -> Generator[Any]:
+    """What a ``Channel`` has sent, up to the end of the pipe, which may come in the middle of an item.
+
+    An FMU may write into the pipe. Nothing that comes after can then be read.
+    """
+    with contextlib.suppress(Exception):  # Reading damaged items raises exceptions of many classes.
+        while header := file.read(8):
+            length = int.from_bytes(header, "little")
+            content = file.read(length) if length <= MAX_ITEM else b""
+            if len(content) < length:
+                return
+            yield pickle.loads(content)
 
 
 def serve(system: System | Callable[[], System], job: Assignment, memory: mmap.mmap, channel: Channel) -> None:

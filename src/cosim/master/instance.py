@@ -70,7 +70,8 @@ class CallError(RunError):
         self.function = function
         self.status = status
         said = f" The FMU said: {message}" if message else " The FMU gave no message."
-        returned = f"status {status}, which FMI does not know" if status.isdecimal() else f"{function[:4]}{status}"
+        known = not status.lstrip("-").isdecimal()
+        returned = f"{function[:4]}{status}" if known else f"status {status}, which FMI does not know"
         text = f"{instance}: {function} at {time:.9g} s returned {returned}.{said}{remedy}"
         super().__init__(text, time=time, message=message)
 

@@ -7,7 +7,6 @@ reads the progress from shared memory, collects messages, kills a process that h
 from __future__ import annotations
 
 import contextlib
-import pickle
 import queue
 import sys
 import threading
@@ -23,7 +22,7 @@ from ..result.result import Message, Result
 from ..system.system import System
 from . import loop
 from .board import DRAINED, FINISHED, IN_CALL, IN_LOOP, STEPPING, STOP, Board
-from .child import Assignment, Ending
+from .child import Assignment, Ending, sent
 from .instance import MAX_TEXT, CallError, RunError, log_message
 from .process import FmuProcess, fork_process, may_fork, shared_memory, signal_text, start_process
 from .run import Interrupted, Progress, check_memory, make_result, row_times
@@ -43,9 +42,6 @@ WINDOW_BYTES = 2**24
 
 PRINTED_LINES = 1000
 """Largest number of lines printed by FMUs that are kept."""
-
-MAX_FRAME = 2**26
-"""Largest size of a message or outcome in bytes. A larger number means that the pipe holds something else."""
 
 
 class ProcessError(CallError):
@@ -322,14 +318,9 @@ class _Watch:
     # Threads that read the pipes
 
     def read_channel(self, file: BinaryIO) -> None:
-        """Read messages until the end of the pipe. It may end in the middle of a message."""
-        with contextlib.suppress(OSError, ValueError, EOFError, pickle.UnpicklingError):
-            while header := file.read(8):
-                length = int.from_bytes(header, "little")
-                content = file.read(length) if length <= MAX_FRAME else b""
-                if len(content) < length:
-                    break
-                self.came.put(pickle.loads(content))
+        """Read messages until the end of the pipe."""
+        for item in sent(file):
+            self.came.put(item)
         self.came.put(None)
 
     def read_printed(self, file: BinaryIO) -> None:

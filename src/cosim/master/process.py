@@ -6,12 +6,13 @@ import contextlib
 import mmap
 import os
 import pickle
+import select
 import signal
 import subprocess
 import sys
 import threading
 import warnings
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -20,6 +21,9 @@ from ..files import cannot_write
 from ..system.system import System
 from . import child
 from .child import Assignment, Channel
+
+HANG_UP_MILLISECONDS = 50
+"""Longest time until the pipes of killed processes have closed."""
 
 
 class FmuProcess:
@@ -49,9 +53,11 @@ class FmuProcess:
                 return False
             self._end_group()
             self._reap(0)
+            self._end_holders()
             return True
         if self._reap(os.WNOHANG):
             self._end_group()
+            self._end_holders()
         return self.code is not None
 
     def kill(self) -> None:
@@ -66,6 +72,7 @@ class FmuProcess:
         with contextlib.suppress(ProcessLookupError):
             os.kill(self._number, signal.SIGKILL)
         self._reap(0)
+        self._end_holders()
 
     def _reap(self, options: int) -> bool:
         try:
@@ -83,6 +90,32 @@ class FmuProcess:
     def _end_group(self) -> None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._number, signal.SIGKILL)
+
+    def _end_holders(self) -> None:
+        """Kill processes that an FMU has started in a group of their own: they still hold the pipes for writing."""
+        if sys.platform != "linux":
+            return
+        for file in (self.channel, self.printed):
+            if file.closed:
+                continue
+            ended = select.poll()
+            ended.register(file, 0)
+            if not ended.poll(HANG_UP_MILLISECONDS):
+                for number in _writers(os.fstat(file.fileno())):
+                    with contextlib.suppress(ProcessLookupError, PermissionError):
+                        os.kill(number, signal.SIGKILL)
+
+
+def _writers(pipe: os.stat_result) -> Iterator[int]:
+    """The numbers of the other processes that have ``pipe`` open for writing. Linux only."""
+    for place in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError, ValueError):
+            process = int(place.parts[2])
+            if process != os.getpid() and os.path.samestat(place.stat(), pipe):
+                # Processes that were forked from this one may hold its end, which is for reading.
+                flags = Path(f"/proc/{process}/fdinfo/{place.name}").read_text().split("flags:")[1].split()[0]
+                if int(flags, 8) & os.O_ACCMODE == os.O_WRONLY:
+                    yield process
 
 
 def may_fork() -> bool:

@@ -117,6 +117,7 @@ class Signals:
         self.others = np.zeros(self.values.size, dtype=np.uint64)
         """Buffers for values of other types than double. The values of a call are packed from its first slot on."""
         self.references: list[NDArray[np.uint32]] = []
+        self.links: list[_Link] = []
 
     def link(self, connection: Connection) -> _Link:
         """A connection with its numbers for the loop."""
@@ -129,6 +130,21 @@ class Signals:
         links = [self.link(c) for c in system.connections if c.added and c.target in targets]
         noisy = [c for c in connections if c.noise is not None]
         return [*links, *((c, (self.noise[c.target], self.slots[c.target], 1.0, 0.0)) for c in noisy)]
+
+    def setting(self, system: System, slave: FmuInstance, kind: int) -> list[loop.Row]:
+        """The rows that carry values to the connected inputs of one type of an instance, and set them."""
+        connections = self.inputs.get((slave.name, kind), [])
+        if not connections:
+            return []
+        row = self.call(slave, kind, [slave.fmu.variables[c.target[1]] for c in connections], into=True)
+        carry: loop.Row = {loop.LINKS: len(connections), loop.LINK: len(self.links)}
+        self.links += [self.link(connection) for connection in connections]
+        addends = self.addends(system, connections)
+        if not addends:
+            return [{**row, **carry}]
+        add: loop.Row = {loop.ACT: loop.ADD, loop.LINKS: len(addends), loop.LINK: len(self.links)}
+        self.links += addends
+        return [{loop.ACT: loop.NOTHING, **carry}, add, row]
 
     @staticmethod
     def _by_kind(instance: Instance, names: Iterable[str]) -> dict[int, list[Variable]]:
@@ -177,33 +193,21 @@ class Signals:
 def make_program(system: System, slaves: list[FmuInstance]) -> Program:
     """The program of ``system``: names are resolved once to slots, value references and addresses."""
     signals = Signals(system)
-    links: list[_Link] = []
     sets: dict[str, list[loop.Row]] = {}
     gets: dict[str, list[loop.Row]] = {}
     step: list[loop.Row] = []
     for instance, slave in zip(system.instances, slaves, strict=True):
-        variables, name, multiple = instance.fmu.variables, instance.name, instance.step_multiple
-        into, out = sets.setdefault(name, []), gets.setdefault(name, [])
+        name = instance.name
+        sets[name], gets[name] = [], []
         for kind in signals.kinds(name):
-            connections, outputs = signals.inputs.get((name, kind), []), signals.outputs.get((name, kind), [])
-            if connections:
-                row = signals.call(slave, kind, [variables[c.target[1]] for c in connections], into=True)
-                set_by = {loop.LINKS: len(connections), loop.LINK: len(links)}
-                links += [signals.link(connection) for connection in connections]
-                addends = signals.addends(system, connections)
-                if addends:
-                    into.append({loop.ACT: loop.NOTHING, **set_by})
-                    into.append({loop.ACT: loop.ADD, loop.LINKS: len(addends), loop.LINK: len(links)})
-                    links += addends
-                    set_by = {}
-                into.append({**row, **set_by})
-            if outputs:
-                out.append(signals.call(slave, kind, outputs, into=False))
-        first, *others = out or [{loop.FMI: slave.fmu.fmi, loop.COMPONENT: slave.component}]
+            sets[name] += signals.setting(system, slave, kind)
+            if outputs := signals.outputs.get((name, kind)):
+                gets[name].append(signals.call(slave, kind, outputs, into=False))
+        first, *others = gets[name] or [{loop.FMI: slave.fmu.fmi, loop.COMPONENT: slave.component}]
         function = f"{slave.prefix}DoStep"
         called = loop.call_number(slave.number, function)
-        stepping = {loop.STEP: slave.address(function), loop.STEP_CALL: called, loop.MULTIPLE: multiple}
-        step += _guarded([{**first, **stepping}, *others], multiple)
+        stepping = {loop.STEP: slave.address(function), loop.STEP_CALL: called, loop.MULTIPLE: instance.step_multiple}
+        step += _guarded([{**first, **stepping}, *others], instance.step_multiple)
 
     fed = {connection.target for connection in system.connections}
     point = _table_rows(signals)
@@ -221,8 +225,8 @@ def make_program(system: System, slaves: list[FmuInstance]) -> Program:
         initial=initial,
         outputs=[row for rows in gets.values() for row in rows],
         slots=signals.slots,
-        connections=[connection for connection, _ in links],
-        links=np.array([numbers for _, numbers in links], loop.LINK_TYPE),
+        connections=[connection for connection, _ in signals.links],
+        links=np.array([numbers for _, numbers in signals.links], loop.LINK_TYPE),
         values=signals.values,
         others=signals.others,
         recorded=np.array([signals.slots[end] for end in system.record], dtype=np.uint64),

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickle
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
-from ..extras import import_extra
+from ..extras import import_extra, require
+from ..files import reason
 from .csv import CsvTable
 from .description import columns_of, read_description
 
@@ -167,15 +171,8 @@ class MatTable(_Arrays):
     """
 
     def __init__(self, path: Path) -> None:
-        scipy_io: Any = import_extra("scipy.io", f"{path}: to read MAT files")
-        try:
-            content = cast("dict[str, Any]", scipy_io.loadmat(path, simplify_cells=True))
-        except NotImplementedError:
-            raise DescriptionError(
-                f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7."
-            ) from None
-        except Exception as error:  # scipy raises exceptions of many classes for a damaged file
-            raise DescriptionError(f"{path}: is no MAT file that can be read ({error}).") from None
+        require("scipy", f"{path}: to read MAT files")
+        content = _mat_content(path)
         vectors: dict[str, NDArray[np.float64]] = {}
         metadata: dict[str, object] = {}
         for name, value in _leaves("", {key: value for key, value in content.items() if not key.startswith("__")}):
@@ -194,6 +191,36 @@ class MatTable(_Arrays):
         length = max(lengths, key=lambda size: (lengths.count(size), size))
         kept = {name: vector for name, vector in vectors.items() if vector.size == length}
         super().__init__(list(kept), list(kept.values()), metadata)
+
+
+_MAT_PROGRAM = """
+import pickle, sys
+sys.path[:] = pickle.load(sys.stdin.buffer)
+try:
+    import scipy.io
+    answer = "content", scipy.io.loadmat(sys.argv[1], simplify_cells=True)
+except NotImplementedError:
+    answer = "newer", ""
+except Exception as error:  # scipy raises exceptions of many classes for a damaged file
+    answer = "damaged", str(error)
+pickle.dump(answer, sys.stdout.buffer)
+"""
+"""Reads a MAT file in a process of its own: some damaged files make scipy crash its process."""
+
+
+def _mat_content(path: Path) -> dict[str, Any]:
+    """The variables of a MAT file by name. Raises DescriptionError."""
+    try:
+        command = [sys.executable, "-c", _MAT_PROGRAM, str(path)]
+        done = subprocess.run(command, input=pickle.dumps(sys.path), capture_output=True, check=False)
+    except OSError as error:
+        raise DescriptionError(f"{path}: the process that reads it cannot be started: {reason(error)}.") from None
+    kind, content = pickle.loads(done.stdout) if done.returncode == 0 else ("damaged", "reading it crashed")
+    if kind == "newer":
+        raise DescriptionError(f"{path}: is a MAT file of version 7.3, which is not read. Save it in MATLAB with -v7.")
+    if kind == "damaged":
+        raise DescriptionError(f"{path}: is no MAT file that can be read ({content}).")
+    return cast("dict[str, Any]", content)
 
 
 def _leaves(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

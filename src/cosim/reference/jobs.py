@@ -10,8 +10,6 @@ import itertools
 import math
 import os
 import re
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
-from ..fmu.archive import unpack
+from ..fmu.archive import opened, unpack
 from ..fmu.description import ELEMENT
 from ..fmu.xml import parse
 from ..reference import fmi_ls_ref as lsref
@@ -57,12 +55,10 @@ class Job:
 def unpack_fmu(path: Path, folder: Path) -> None:
     """Unpack an FMU into ``folder``. Raises DescriptionError if the file is no FMU."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with opened(path) as archive:
             unpack(archive, folder)
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror or error}).") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        raise DescriptionError(f"{path.name}: not a readable zip archive ({error}). Build or get it again.") from None
     if not (folder / "modelDescription.xml").is_file():
         raise DescriptionError(f"{path.name}: no modelDescription.xml inside. This is not an FMU.")
 

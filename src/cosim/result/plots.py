@@ -413,8 +413,6 @@ def plot_polar(path: Path, plots: Sequence[Polar], *, title: str = "") -> None:
     The heavy circle is the commanded path. The rings are labelled with their deviation.
     Raises DescriptionError for an unknown ending, FileError if the file cannot be written.
     """
-    from matplotlib.ticker import MaxNLocator
-
     if not plots:
         raise DescriptionError(f"picture {path}: nothing to draw.")
 
@@ -422,48 +420,58 @@ def plot_polar(path: Path, plots: Sequence[Polar], *, title: str = "") -> None:
         if title:
             figure.suptitle(title, fontsize=10.0)
         for i, plot in enumerate(plots):
-            peak = largest([series.y for series in plot.series])
-            scale = plot.magnification or magnification(plot.radius, peak)
-            unit, factor = display_unit("m", peak)
-            gain = scale / (plot.radius * factor)  # display unit -> radii
-            axes = figure.add_subplot(1, len(plots), i + 1)
-            axes.set_aspect("equal")
-            axes.set_axis_off()
-            turn = np.linspace(0.0, 2.0 * math.pi, 721)
-            rings = MaxNLocator(nbins=5, symmetric=True).tick_values(-peak * factor, peak * factor)
-            edge = 1.0 + 1.08 * gain * float(max(rings[-1], peak * factor))
-            for ring in rings:
-                r = 1.0 + gain * float(ring)
-                if r <= 0.0:
-                    continue
-                commanded = abs(ring) < 1e-9 * rings[-1]
-                axes.plot(
-                    r * np.cos(turn),
-                    r * np.sin(turn),
-                    color="#444444" if commanded else "#CCCCCC",
-                    linewidth=1.0 if commanded else 0.6,
-                )
-                at = r * math.sqrt(0.5)
-                box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
-                axes.text(at, at, f"{ring:g}", fontsize=6.5, ha="center", va="center", bbox=box, zorder=5)
-            for x, y, name in ((1, 0, "+X"), (0, 1, "+Y"), (-1, 0, "-X"), (0, -1, "-Y")):
-                axes.plot((0, x * edge), (0, y * edge), color="#CCCCCC", linewidth=0.6)
-                axes.text(1.06 * x * edge, 1.06 * y * edge, name, ha="center", va="center")
-            for j, series in enumerate(plot.series):
-                r = 1.0 + gain * factor * np.append(series.y, series.y[:1])
-                angle = np.append(series.x, series.x[:1])
-                axes.plot(
-                    r * np.cos(angle),
-                    r * np.sin(angle),
-                    color=COLOURS[(j if series.colour is None else series.colour) % len(COLOURS)],
-                    linestyle="--" if series.dashed else "-",
-                    label=series.label,
-                )
-            axes.set_title(
-                f"{plot.title}\nradius {plot.radius * 1e3:g} mm, deviation x {scale:,.0f}, rings in {typeset(unit)}",
-                loc="center",
-            )
-            if len(plot.series) > 1:
-                axes.legend(loc="center", facecolor="white", frameon=True, edgecolor="none")
+            _draw_polar(figure.add_subplot(1, len(plots), i + 1), plot)
 
     save(path, draw, (4.2 * len(plots) + 0.2, 4.8))
+
+
+def _draw_polar(axes: Axes, plot: Polar) -> None:
+    peak = largest([series.y for series in plot.series])
+    scale = plot.magnification or magnification(plot.radius, peak)
+    unit, factor = display_unit("m", peak)
+    gain = scale / (plot.radius * factor)  # display unit -> radii
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    _draw_rings(axes, peak * factor, gain)
+    for i, series in enumerate(plot.series):
+        r = 1.0 + gain * factor * np.append(series.y, series.y[:1])
+        angle = np.append(series.x, series.x[:1])
+        axes.plot(
+            r * np.cos(angle),
+            r * np.sin(angle),
+            color=COLOURS[(i if series.colour is None else series.colour) % len(COLOURS)],
+            linestyle="--" if series.dashed else "-",
+            label=series.label,
+        )
+    axes.set_title(
+        f"{plot.title}\nradius {plot.radius * 1e3:g} mm, deviation x {scale:,.0f}, rings in {typeset(unit)}",
+        loc="center",
+    )
+    if len(plot.series) > 1:
+        axes.legend(loc="center", facecolor="white", frameon=True, edgecolor="none")
+
+
+def _draw_rings(axes: Axes, peak: float, gain: float) -> None:
+    """Draw rings of equal deviation up to ``peak``, and the four directions; ``gain`` is radii for a deviation of 1."""
+    from matplotlib.ticker import MaxNLocator
+
+    turn = np.linspace(0.0, 2.0 * math.pi, 721)
+    rings = MaxNLocator(nbins=5, symmetric=True).tick_values(-peak, peak)
+    edge = 1.0 + 1.08 * gain * float(max(rings[-1], peak))
+    for ring in rings:
+        r = 1.0 + gain * float(ring)
+        if r <= 0.0:
+            continue
+        commanded = abs(ring) < 1e-9 * rings[-1]
+        axes.plot(
+            r * np.cos(turn),
+            r * np.sin(turn),
+            color="#444444" if commanded else "#CCCCCC",
+            linewidth=1.0 if commanded else 0.6,
+        )
+        at = r * math.sqrt(0.5)
+        box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
+        axes.text(at, at, f"{ring:g}", fontsize=6.5, ha="center", va="center", bbox=box, zorder=5)
+    for x, y, name in ((1, 0, "+X"), (0, 1, "+Y"), (-1, 0, "-X"), (0, -1, "-Y")):
+        axes.plot((0, x * edge), (0, y * edge), color="#CCCCCC", linewidth=0.6)
+        axes.text(1.06 * x * edge, 1.06 * y * edge, name, ha="center", va="center")

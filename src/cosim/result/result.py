@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,21 +64,27 @@ class Result:
         ended = ", ended early" if self.partial else ""
         return f"<Result of {self.metadata.get('system', 'a run')}: {span(self.time)}{ended}: {signals}>"
 
+    @cached_property
+    def _places(self) -> Mapping[str, int]:
+        return {column.name: place for place, column in enumerate(self.columns)}
+
     def __contains__(self, name: object) -> bool:
-        return any(column.name == name for column in self.columns)
+        return name in self._places
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
-        return self.rows[:, self.columns.index(self.column(name))]
+        return self.rows[:, self._place(name)]
 
     def column(self, name: str) -> Column:
         """Unit and description of a recorded variable. Raises DescriptionError if it was not recorded."""
-        for column in self.columns:
-            if column.name == name:
-                return column
-        raise DescriptionError(f"'{name}' was not recorded.{suggest(name, self.names)}")
+        return self.columns[self._place(name)]
+
+    def _place(self, name: str) -> int:
+        if name not in self._places:
+            raise DescriptionError(f"'{name}' was not recorded.{suggest(name, self.names)}")
+        return self._places[name]
 
     def unit(self, name: str) -> str:
         """The unit of a recorded variable; ``"1"`` if it has none. Raises DescriptionError if it was not recorded."""

@@ -14,6 +14,12 @@ from .findings import Findings
 from .parts import Order
 from .values import decimal, fraction, show_value, whole
 
+SHORTEST, LONGEST = Fraction(1, 10**18), 10**12
+"""Times in s beyond which a number is no time of a machine: the period of light waves, 30,000 years."""
+
+MOST_STEPS = 2**53
+"""Largest number of steps. A double holds each number of steps up to it, so that each instant is exact."""
+
 
 @dataclass(frozen=True)
 class ExperimentTimes:
@@ -73,12 +79,15 @@ def _seconds(table: Mapping[str, Any], key: str, default: Fraction | None, findi
             return None
         return Decimal(int(default))
     value = table[key]
-    number = fraction(value) if isinstance(value, str) else decimal(value)
-    if number is None or (isinstance(number, Decimal) and not number.is_finite()):
+    exact = fraction(value)
+    if exact is None:
         hint = ' Fractions are written "1/30".' if isinstance(value, str) and "/" in value else ""
         findings.problem(where, f"{show_value(value)} is not a finite number of seconds.{hint}")
         return None
-    return number
+    if exact and not SHORTEST <= abs(exact) <= LONGEST:
+        findings.problem(where, f"a time must be 0 or lie between {float(SHORTEST):g} s and {LONGEST} s.")
+        return None
+    return exact if isinstance(value, str) else decimal(value)
 
 
 def _with_record(  # noqa: PLR0917
@@ -122,6 +131,9 @@ def _steps(start: Number, stop: Number, step: Number, findings: Findings) -> int
     length = Fraction(stop) - Fraction(start)
     ratio = length / Fraction(step)
     steps = whole(ratio)
+    if ratio > MOST_STEPS:
+        findings.problem("experiment.step_size", f"{float(ratio):.3g} steps: at most 2^53 can be counted exactly.")
+        return 0
     if steps is not None:
         return steps
     whole_steps = math.floor(ratio)

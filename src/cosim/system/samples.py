@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from decimal import Decimal
 from fractions import Fraction
 
+from ..units import parse_unit
 from .experiment import ExperimentTimes
 from .findings import Findings
 from .parts import Instance
 from .values import decimal, whole
+
+FEW_SAMPLES = 10
+"""A controller that takes fewer samples in a run, and is slower than its step, probably has T_s in another unit."""
 
 
 def check_steps(instances: Mapping[str, Instance], experiment: ExperimentTimes, findings: Findings) -> None:
@@ -43,16 +47,25 @@ def check_steps(instances: Mapping[str, Instance], experiment: ExperimentTimes, 
                 f"T_s = {sampling} s against a communication step of {own} s: it takes {samples} samples a step with "
                 "inputs that do not change, and only the last of its outputs is seen. Take a smaller step_size.",
             )
+        elif samples is None and (taken := int(experiment.steps * experiment.step_size / sampling) + 1) < FEW_SAMPLES:
+            length = experiment.stop_time - experiment.start_time
+            findings.note(where, f"T_s = {sampling} s: it takes only {taken} samples in the run of {length} s.")
 
 
 def sampling_time(instance: Instance) -> Decimal | None:
     """The sampling time ``T_s`` of a sampled controller in s; None for other FMUs.
 
-    A sampled controller is an FMU that has inputs and a positive parameter ``T_s`` in s.
+    A sampled controller is an FMU that has inputs and a positive parameter ``T_s``, a time.
     """
     variable = instance.fmu.variables.get("T_s")
-    if variable is None or variable.causality != "parameter" or variable.unit != "s" or not instance.fmu.inputs:
+    if variable is None or variable.causality != "parameter" or variable.unit is None or not instance.fmu.inputs:
+        return None
+    unit = instance.fmu.unit(variable.unit)
+    seconds = None if unit is None else unit.conversion(parse_unit("s"))
+    if seconds is None:
         return None
     given = instance.start.get("T_s")
     value = decimal(variable.start_text if given is None else given)
-    return value if value is not None and value.is_finite() and value > 0 else None
+    if value is None or not value.is_finite() or value <= 0:
+        return None
+    return value if seconds[0] == 1.0 else value * Decimal(repr(seconds[0]))

@@ -7,7 +7,7 @@ import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
@@ -160,52 +160,63 @@ def _source(  # noqa: PLR0917
     path = folder / entry.file
     seconds = None if sampling_time is None else float(sampling_time)
     record, digest = _read(path, entry.time, entry.time_unit, seconds, wanted)
-    chosen = entry.columns or {column: ColumnData(column=column) for column in record.columns}
-    columns: dict[str, NDArray[np.float64]] = {}
-    variables: dict[str, Variable] = {}
-    rates: set[str] = set()
-    converted: dict[str, str] = {}
-    for key, column in chosen.items():
-        place = f"{where}.columns.{key}"
-        written = cast("Mapping[str, Any]", table.get("columns", {})).get(key)
-        if not _smoothing_said(place, column, written, findings):
-            continue
-        scaled = _scaled(place, column, record, findings)
-        if scaled is None:
-            continue
-        columns[key], unit = scaled
-        if column.factor is None and unit != record.units[column.column] and record.units[column.column]:
-            converted[key] = record.units[column.column]
-        text = f"column {column.column} of {entry.file}"
-        variables[key] = _variable(key, unit, text)
-        for order in range(1, column.derivatives + 1):
-            derivative = derivative_name(key, order)
-            try:
-                columns[derivative] = _derivative(record, columns[key], order, column.smoothing)
-            except DescriptionError as error:
-                findings.problem(place, str(error))
-                break
-            variables[derivative] = _variable(derivative, derivative_unit(unit, order), f"derivative of {text}")
-            rates.add(derivative)
+    found = _columns(where, entry, cast("Mapping[str, Any]", table.get("columns", {})), record, findings)
     if len(findings.problems) > before:
         return None
     if uneven := record.uneven():
         findings.note(where, uneven)
     linear, repeat = entry.interpolation == "linear", entry.extend == "repeat"
-    resampler = Resampler(record.time, grid=times[1], linear=linear, repeat=repeat)
-    shift = 0.0 if entry.start_time is None else entry.start_time - times[0]
     return SignalSource(
         name,
         path,
         digest,
         table,
-        variables,
-        columns,
-        rates=frozenset(rates),
-        resampler=resampler,
-        shift=shift,
-        converted=converted,
+        found.variables,
+        found.values,
+        rates=frozenset(found.rates),
+        resampler=Resampler(record.time, grid=times[1], linear=linear, repeat=repeat),
+        shift=0.0 if entry.start_time is None else entry.start_time - times[0],
+        converted=found.converted,
     )
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """The columns of a record and their derivatives; see the fields of ``SignalSource``."""
+
+    values: dict[str, NDArray[np.float64]] = field(default_factory=dict[str, NDArray[np.float64]])
+    variables: dict[str, Variable] = field(default_factory=dict[str, Variable])
+    rates: set[str] = field(default_factory=set[str])
+    converted: dict[str, str] = field(default_factory=dict[str, str])
+
+
+def _columns(where: str, entry: SignalData, written: Mapping[str, Any], record: Record, findings: Findings) -> _Columns:
+    """The columns of an entry; ``written`` is its table of columns. A column with a problem is left out."""
+    found = _Columns()
+    chosen = entry.columns or {column: ColumnData(column=column) for column in record.columns}
+    for key, column in chosen.items():
+        place = f"{where}.columns.{key}"
+        if not _smoothing_said(place, column, written.get(key), findings):
+            continue
+        scaled = _scaled(place, column, record, findings)
+        if scaled is None:
+            continue
+        found.values[key], unit = scaled
+        stated = record.units[column.column]
+        if column.factor is None and stated not in ("", unit):
+            found.converted[key] = stated
+        text = f"column {column.column} of {entry.file}"
+        found.variables[key] = _variable(key, unit, text)
+        for order in range(1, column.derivatives + 1):
+            name = derivative_name(key, order)
+            try:
+                found.values[name] = _derivative(record, found.values[key], order, column.smoothing)
+            except DescriptionError as error:
+                findings.problem(place, str(error))
+                break
+            found.variables[name] = _variable(name, derivative_unit(unit, order), f"derivative of {text}")
+            found.rates.add(name)
+    return found
 
 
 def _smoothing_said(where: str, column: ColumnData, written: object, findings: Findings) -> bool:
@@ -365,12 +376,12 @@ def check_times(signals: Mapping[str, SignalSource], times: tuple[float, float, 
             text = f"the record begins at {first:.9g} s, after the start of the run at {start:.9g} s"
             if extend == "stop":
                 findings.problem(
-                    where, f"{text}. Give start_time = {own.time[0]:.9g}, the record's time at that start."
+                    where, f"{text}. Give start_time = {own.time[0]:.15g}, the record's time at that start."
                 )
             elif extend is None:
                 findings.note(
                     where,
-                    f"{text}: its first values hold until then. start_time = {own.time[0]:.9g} would begin with it; "
+                    f"{text}: its first values hold until then. start_time = {own.time[0]:.15g} would begin with it; "
                     'extend = "hold" says that this is meant.',
                 )
         if last + own.step < stop - slack and extend is None:
@@ -378,6 +389,12 @@ def check_times(signals: Mapping[str, SignalSource], times: tuple[float, float, 
                 where,
                 f"the record ends at {last:.9g} s, before the end of the run at {stop:.9g} s: its last values "
                 'hold from then on. extend = "hold" says that this is meant; others are "repeat" and "stop".',
+            )
+        if 2.0 * own.step > stop - start and own.time.size > 3:
+            findings.note(
+                where,
+                f"the record has a sample every {own.step:.6g} s, so the run of {stop - start:.6g} s sees almost none "
+                f'of its {own.time.size} samples. If its times are not in s, say time_unit = "ms".',
             )
         if own.step < 0.99 * step and own.time.size > 1:
             findings.note(

@@ -5,21 +5,20 @@ from __future__ import annotations
 import atexit
 import contextlib
 import hashlib
-import io
 import os.path
 import re
-import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import fmpy.ssp
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, suggest
 from ..files import temporary_folder
-from ..fmu.archive import unpack
+from ..fmu.archive import opened, unpack
 from ..fmu.xml import parse
 from .ssp_names import NAMESPACES, lxml_etree, tag
 
@@ -42,12 +41,16 @@ class Package:
     name: str
     folder: Path
     """The folder where relative paths of the description start."""
+    file_name: str
+    """The name of the file with the description."""
     description: bytes
     packed: bool
     """Whether this is an .ssp, which contains all its files."""
+    others: tuple[str, ...] = ()
+    """The names of other descriptions in an .ssp: variants of the system."""
 
-    def file(self, uri: str) -> str:
-        """The path of a file that the description names, relative to the folder.
+    def path(self, uri: str) -> str:
+        """The path that ``uri`` means, relative to the folder.
 
         Raises DescriptionError if ``uri`` is not the path of a file, or leads out of an .ssp.
         """
@@ -63,6 +66,23 @@ class Package:
             raise DescriptionError(f"source '{uri}' is not {where}.")
         return f"./{inside}"
 
+    def file(self, uri: str) -> str:
+        """The path of a file that the description names, relative to the folder.
+
+        Some tools write a path as it is, and not as a URI, or with backslashes. If there is such a file, it is meant.
+        Raises DescriptionError as ``path`` does, and if an .ssp has no such file.
+        """
+        for meant in (uri, quote(uri), quote(uri.replace("\\", "/"))):
+            with contextlib.suppress(DescriptionError):
+                path = self.path(meant)
+                if (self.folder / path).is_file():
+                    return path
+        path = self.path(uri)
+        if self.packed:
+            known = (file.relative_to(self.folder).as_posix() for file in self.folder.rglob("*") if file.is_file())
+            raise DescriptionError(f"no file '{path.removeprefix('./')}' in the package.{suggest(path, known)}")
+        return path
+
 
 def open_package(path: Path) -> Package:
     """Open the package at ``path``. An .ssp is unpacked into a temporary folder that lasts as long as the process.
@@ -71,16 +91,33 @@ def open_package(path: Path) -> Package:
     """
     try:
         if path.suffix.lower() == ".ssd":
-            return Package(path.name, path.parent, path.read_bytes(), packed=False)
-        folder = _unpack(path)
-        description = folder / DESCRIPTION
-        if not description.is_file():
-            raise DescriptionError(f"{path.name}: no {DESCRIPTION} inside. This is not an SSP file.")
-        return Package(path.name, folder, description.read_bytes(), packed=True)
+            return Package(path.name, path.parent, path.name, path.read_bytes(), packed=False)
+        description, others = _description(path.name, _unpack(path))
+        return Package(
+            path.name, description.parent, description.name, description.read_bytes(), packed=True, others=others
+        )
     except FileNotFoundError:
         raise DescriptionError(f"{path}: no such file.") from None
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
+
+
+def _description(name: str, folder: Path) -> tuple[Path, tuple[str, ...]]:
+    """The description in an unpacked .ssp, and the names of others. Raises DescriptionError.
+
+    It is the file ``DESCRIPTION``. If there is none, it is the only .ssd of the package.
+    """
+    found = sorted(file for file in folder.rglob("*") if file.suffix.lower() == ".ssd" and file.is_file())
+    default = folder / DESCRIPTION
+    names = {file: file.relative_to(folder).as_posix() for file in found}
+    if default not in found and len(found) > 1:
+        raise DescriptionError(
+            f"{name}: no {DESCRIPTION} inside, but {', '.join(names.values())}. Unpack the package and name one."
+        )
+    if not found:
+        raise DescriptionError(f"{name}: no {DESCRIPTION} inside. This is not an SSP file.")
+    chosen = default if default in found else found[0]
+    return chosen, tuple(names[file] for file in found if file != chosen and file.parent == folder)
 
 
 def _unpack(path: Path) -> Path:
@@ -89,12 +126,8 @@ def _unpack(path: Path) -> Path:
     if digest not in _unpacked:
         with contextlib.ExitStack() as resources:
             folder = resources.enter_context(temporary_folder())
-            try:
-                with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-                    archive.filename = path.name
-                    unpack(archive, folder)
-            except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError) as error:
-                raise DescriptionError(f"{path.name}: not a readable zip archive ({error}).") from None
+            with opened(path, packed) as archive:
+                unpack(archive, folder)
             _unpacked[digest] = folder
             _folders.push(resources.pop_all())
     return _unpacked[digest]
@@ -102,34 +135,55 @@ def _unpack(path: Path) -> Path:
 
 # Documents
 
-_VERSIONED = tuple(
-    map(tag, ("ssd:SystemStructureDescription", "ssv:ParameterSet", "ssm:ParameterMapping"))
-)  # the elements that state their version of SSP
+_VERSIONED = tuple(map(tag, ("ssd:SystemStructureDescription", "ssv:ParameterSet", "ssm:ParameterMapping")))
+"""The elements that documents begin with. They state their version of SSP."""
 
 
-def read_document(content: bytes, schema: str = "SystemStructureDescription") -> Any:
+_ROOT = re.compile(rb"<(?:\w+:)?(?:SystemStructureDescription|ParameterSet|ParameterMapping)\b")
+
+
+def read_document(
+    content: bytes, schema: str = "SystemStructureDescription", note: Callable[[str], None] = lambda text: None
+) -> Any:
     """The root of an XML document that is valid against its SSP 1.0 schema.
 
-    A document of SSP 2.0 is accepted if it uses only elements of SSP 1.0.
+    A document of SSP 2.0 is accepted if it uses only elements of SSP 1.0. A prefix of ``NAMESPACES`` that the document
+    does not declare has its usual meaning; ``note`` is called with a remark.
     Raises DescriptionError with all errors and their lines.
     """
-    try:
-        root = parse(content)
-    except lxml_etree.XMLSyntaxError as error:
-        raise DescriptionError(f"line {error.lineno}: not valid XML: {error.msg}") from None
+    root = _parsed(content, note)
+    if root.tag not in _VERSIONED:
+        raise DescriptionError(
+            f"line {root.sourceline}: the file begins with {root.tag}, which is not of SSP 1.0. Write it as SSP 1.0."
+        )
     newer = ""
     for element in root.iter(*_VERSIONED):
         version = element.get("version", "")
-        if version.startswith("2."):
-            element.set("version", "1.0")
-            newer = " (SSP 2.0 is read as far as SSP 1.0 goes)"
-        elif version and not version.startswith("1."):
+        if version.startswith(("1.", "2.")):
+            element.set("version", "1.0")  # the schema knows no "1.0.1"
+            newer = " (SSP 2.0 is read as far as SSP 1.0 goes)" if version.startswith("2.") else newer
+        elif version:
             line = f"line {element.sourceline}"
             raise DescriptionError(f"{line}: SSP {version} is not read. Write it as SSP 1.0.")
     validator = _schema(schema)
     if not validator.validate(root):
         raise DescriptionError([f"line {entry.line}: {_plain(entry.message)}{newer}" for entry in validator.error_log])
     return root
+
+
+def _parsed(content: bytes, note: Callable[[str], None]) -> Any:
+    """The root of an XML document. Declares the prefixes of ``NAMESPACES`` that are used without a declaration."""
+    try:
+        return parse(content)
+    except lxml_etree.XMLSyntaxError as error:
+        missing = [p for p in NAMESPACES if f"<{p}:".encode() in content and f"xmlns:{p}=".encode() not in content]
+        declared = "".join(f' xmlns:{prefix}="{NAMESPACES[prefix]}"' for prefix in missing).encode()
+        if missing:
+            with contextlib.suppress(lxml_etree.XMLSyntaxError):
+                root = parse(_ROOT.sub(lambda start: start[0] + declared, content, count=1))
+                note(f"prefixes without a declaration have their usual meaning: {', '.join(missing)}.")
+                return root
+        raise DescriptionError(f"line {error.lineno}: not valid XML: {error.msg}") from None
 
 
 @cache

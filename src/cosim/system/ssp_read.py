@@ -19,7 +19,7 @@ from ..errors import DescriptionError
 from ..fmu.description import read_fmu
 from .ssp_flow import Flow, Hop, said
 from .ssp_names import own_annotation, tag
-from .ssp_package import DESCRIPTION, Package, open_package, read_document
+from .ssp_package import Package, open_package, read_document
 from .ssp_tree import End, Part, instance_names, read_tree
 from .ssp_units import ConnectorUnits, defined_units
 from .ssp_values import ParameterValues, linear, other_transformation, typed_value
@@ -49,22 +49,28 @@ def read_ssp(path: str | Path) -> SspSystem:
     Raises DescriptionError with all problems.
     """
     package = open_package(Path(path))
+    notes: list[str] = []
+    if package.others:
+        others = ", ".join(package.others)
+        notes.append(f"{package.file_name} is read, not {others}. For another, unpack the package and name it.")
     try:
-        root = read_document(package.description)
+        root = read_document(package.description, note=notes.append)
     except DescriptionError as error:
-        raise DescriptionError([f"{package.name}: {DESCRIPTION}, {problem}" for problem in error.problems]) from None
-    reader = SspReader(package, root)
+        raise DescriptionError(
+            [f"{package.name}: {package.file_name}, {problem}" for problem in error.problems]
+        ) from None
+    reader = SspReader(package, root, notes)
     return SspSystem(reader.document(), package.folder, reader.notes)
 
 
 class SspReader:
-    """Turns an SSD into the document of a system, collecting problems and notes."""
+    """Turns an SSD into the document of a system, collecting problems and notes; ``notes`` are those found before."""
 
-    def __init__(self, package: Package, root: Any) -> None:
+    def __init__(self, package: Package, root: Any, notes: list[str]) -> None:
         self.package = package
         self.root = root
         self.problems: list[str] = []
-        self.notes: list[str] = []
+        self.notes = notes
         self.top = read_tree(root.find(tag("ssd:System")), self.problem)
         self.names = instance_names(self.top.components())
         self.sources = {part.path: self.source(part) for part in self.top.components()}
@@ -190,7 +196,7 @@ class SspReader:
             other = other_transformation(hop.xml)
             if other is not None:
                 name = str(other.tag).rpartition("}")[2]
-                self.problem(f"connection {hop}: a {name} is not read for signals, only LinearTransformation.")
+                self.problem(f"connection {hop}: {name} is not read for signals, only LinearTransformation.")
                 return None
         ends = {"from": self.named(source), "to": self.named(target)}
         try:

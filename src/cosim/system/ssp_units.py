@@ -56,8 +56,11 @@ def conversion(unit: NamedUnit | None, other: NamedUnit | None, remedy: str) -> 
     if unit.name == other.name and one.exponents[:-1] == two.exponents[:-1]:
         # For some files rad is a base unit, for others it is 1: rad/s is rad.s-1 in one file and s-1 in the other.
         return one.factor / two.factor, (one.offset - two.offset) / two.factor
-    first, second = (f" ({one})", f" ({two})") if unit.name == other.name else ("", "")
-    raise DescriptionError(f"unit '{unit.name}'{first} cannot be converted to '{other.name}'{second}.")
+    if unit.name == other.name:
+        raise DescriptionError(
+            f"unit '{unit.name}' ({one}) cannot be converted to '{other.name}' ({two}). Correct one of the definitions."
+        )
+    raise DescriptionError(f"unit '{unit.name}' cannot be converted to '{other.name}'.")
 
 
 class ConnectorUnits:

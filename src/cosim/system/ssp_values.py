@@ -7,13 +7,13 @@ If a variable has several values, the value at the outer element counts; at one 
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
+from ..fmu.archive import opened
 from .ssp_names import local_name, lxml_etree, tag
 from .ssp_package import Package, read_document
 from .ssp_tree import End, Part
@@ -137,7 +137,7 @@ class ParameterValues:
         if nowhere:
             self.note(
                 f"parameter values of '{part.name}': nothing there is called {_few(nowhere)}; these values are ignored."
-                + (suggest(nowhere[0].rpartition(".")[2], _variables(part)) if len(nowhere) == 1 else "")
+                + (suggest(nowhere[0].rpartition(".")[2], dict.fromkeys(_variables(part))) if len(nowhere) == 1 else "")
             )
         if entries:
             self.note(f"mapping at '{part.name}': the values hold nothing called {_few(list(entries))}.")
@@ -182,7 +182,7 @@ class ParameterValues:
         if source:
             content = self.file(part, source, element.get("sourceBase", "SSD"))
             try:
-                return read_document(content, schema)
+                return read_document(content, schema, lambda text: self.note(f"file '{source}': {text}"))
             except DescriptionError as error:
                 raise DescriptionError([f"file '{source}', {problem}" for problem in error.problems]) from None
         inline = element.find(tag(root) if holder is None else f"{tag(holder)}/{tag(root)}")
@@ -192,11 +192,12 @@ class ParameterValues:
         """The content of a file beside the SSD, or inside the FMU of a component. Raises DescriptionError."""
         try:
             if base == "component" and part.fmu is not None:
-                with zipfile.ZipFile(part.fmu.path) as archive:
-                    return archive.read(self.package.file(source).removeprefix("./"))
+                with opened(part.fmu.path) as archive:
+                    member = self.package.path(source).removeprefix("./")
+                    if member not in archive.namelist():
+                        raise DescriptionError(f"file '{source}' is not in {part.fmu.path.name}.")
+                    return archive.read(member)
             return (self.package.folder / self.package.file(source)).read_bytes()
-        except KeyError:
-            raise DescriptionError(f"file '{source}' is not in {part.fmu.path.name if part.fmu else ''}.") from None
         except OSError as error:
             raise DescriptionError(f"file '{source}' cannot be read ({error.strerror}).") from None
 

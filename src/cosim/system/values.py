@@ -10,7 +10,7 @@ from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Any, cast
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, clipped, suggest
 from ..fmu.description import Fmu
 from ..fmu.variables import Value, Variable
 from ..units import parse_unit
@@ -31,6 +31,9 @@ RANGES = {
     **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
 }
 """Smallest and largest value of each integer type of FMI."""
+
+MOST_DIGITS = 300
+"""Largest number of digits of a fraction. Doubles have numbers up to 1.8e308."""
 
 WHOLE = 4e-15
 """Largest relative distance from a whole number.
@@ -58,11 +61,11 @@ def parse_settings(items: Sequence[str]) -> dict[str, object]:
 
 def parse_value(text: str) -> object:
     """A value from the command line: a number, else a TOML value, else the text itself (an enumeration item)."""
-    if _NUMBER.fullmatch(text):
-        return Decimal(text)
     try:
+        if _NUMBER.fullmatch(text):
+            return Decimal(text)
         return tomllib.loads(f"value = {text}", parse_float=Decimal)["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, ArithmeticError, RecursionError):
         return text
 
 
@@ -94,10 +97,13 @@ def decimal(value: object) -> Decimal | None:
 def fraction(value: object) -> Fraction | None:
     """A finite number, exactly as it is written, or a text such as ``"1/30"``; None for everything else."""
     if isinstance(value, str):
-        match = _FRACTION.fullmatch(value)
+        match = _FRACTION.fullmatch(value) if len(value) <= MOST_DIGITS else None
         return Fraction(match[1]) / Fraction(match[2]) if match and Fraction(match[2]) else None
     number = decimal(value)
-    return Fraction(number) if number is not None and number.is_finite() else None
+    # As a fraction, a number with an exponent of millions would fill the memory.
+    if number is None or not number.is_finite() or abs(number.adjusted()) > MOST_DIGITS:
+        return None
+    return Fraction(number)
 
 
 def whole(ratio: Fraction) -> int | None:
@@ -107,12 +113,12 @@ def whole(ratio: Fraction) -> int | None:
 
 
 def show_value(value: object) -> str:
-    """A value as it is written in a system file."""
+    """A value as it is written in a system file. Of a long one, only the beginning is shown."""
     if isinstance(value, str):
-        return f'"{value}"'
+        return f'"{clipped(value)}"'
     if isinstance(value, bool):
         return str(value).lower()
-    return str(value)
+    return clipped(str(value))
 
 
 def show_start(variable: Variable, value: Value) -> str:
