@@ -41,7 +41,9 @@ def add(commands: Any) -> None:
     linearize.add_argument("--inputs", nargs="+", metavar="VAR", help="inputs of the state space (default: all)")
     linearize.add_argument("--outputs", nargs="+", metavar="VAR", help="outputs of the state space (default: all)")
     set_argument(linearize, several=True)
-    linearize.add_argument("--margins", action="store_true", help="margins of the loop with --controller")
+    linearize.add_argument(
+        "--margins", action="store_true", help="margins of the loop with --controller, opened at its command"
+    )
     linearize.add_argument(
         "--controller", default="controller", metavar="NAME", help="instance that closes the loop (default: controller)"
     )
