@@ -115,7 +115,7 @@ _WORDS = {
         "degC": "celsius",
         "deg": "degree degrees",
         "rad": "radian radians",
-        "rev": "turn turns revolution revolutions",
+        "rev": "u turn turns revolution revolutions",
         "Hz": "hertz",
         "Ohm": "ohms",
         "1": "none dimensionless",
@@ -169,6 +169,11 @@ _SYMBOLS: dict[str, Unit] = {
     "%": _base(1e-2),
 }
 
+_SPELLINGS = str.maketrans(
+    {"^": "", "²": "2", "³": "3", "µ": "u", "μ": "u", "Ω": "Ohm", "°": "deg", "·": ".", "⋅": "."}
+)
+"""Characters of other spellings of units, and what they are here."""
+
 _TOKEN = re.compile(r"(?P<symbol>[A-Za-z%]+|1(?=[./)]|$))|(?P<number>-?\d+(\.\d+)?)|(?P<mark>[./()])")
 
 
@@ -180,7 +185,8 @@ def parse_unit(text: str) -> Unit:
     while position < len(text):
         match = _TOKEN.match(text, position)
         if match is None:
-            raise DescriptionError(f"unit '{text}': cannot read '{text[position:]}'. Write it like 'N.m.s/rad'.")
+            meant = _spelt(text) or "Write it like 'N.m.s/rad'."
+            raise DescriptionError(f"unit '{text}': cannot read '{text[position:]}'. {meant}")
         tokens.append(match.group())
         position = match.end()
 
@@ -201,9 +207,7 @@ def parse_unit(text: str) -> Unit:
         elif token in _SYMBOLS:
             unit = _SYMBOLS[token]
         else:
-            word = _WORDS.get(token.lower())
-            hint = f" Did you mean '{word}'?" if word else suggest(token, _SYMBOLS)
-            raise DescriptionError(f"unit '{text}': unknown symbol '{token}'.{hint}")
+            raise DescriptionError(f"unit '{text}': unknown symbol '{token}'.{_meant(text, token)}")
         at += 1
         if at < len(tokens) and re.fullmatch(r"-?\d+(\.\d+)?", tokens[at]):
             unit = unit.power(Fraction(tokens[at]))
@@ -214,6 +218,28 @@ def parse_unit(text: str) -> Unit:
     if end != len(tokens):
         raise DescriptionError(f"unit '{text}': cannot read '{''.join(tokens[end:])}'.")
     return unit
+
+
+def _spelt(text: str) -> str:
+    """The question for a unit in another spelling, such as ``kg*m^2`` or ``µm``; "" if that is no unit either."""
+    spelt = text.strip().translate(_SPELLINGS).replace("**", "").replace("*", ".").replace(" ", ".")
+    if spelt == text:
+        return ""
+    try:
+        parse_unit(spelt)
+    except DescriptionError:
+        return ""
+    return f"Did you mean '{spelt}'?"
+
+
+def _meant(text: str, token: str) -> str:
+    """The question for an unknown symbol: a word, two symbols without a point as in ``Nm``, or a similar symbol."""
+    if word := _WORDS.get(token.lower()):
+        return f" Did you mean '{word}'?"
+    for i in range(1, len(token)):
+        if token[:i] in _SYMBOLS and token[i:] in _SYMBOLS:
+            return f" Did you mean '{text.replace(token, f'{token[:i]}.{token[i:]}')}'?"
+    return suggest(token, _SYMBOLS)
 
 
 def resolve_unit(name: str, *definitions: Mapping[str, Unit]) -> Unit | None:

@@ -146,6 +146,34 @@ def test_a_forgotten_input_is_told_with_the_output_that_fits(native: Path, tmp_p
     assert not any("would fit" in note for note in notes(cosim, path, "--fmus", native, *given))
 
 
+def test_a_forgotten_output_of_a_trajectory_is_told(native: Path, tmp_path: Path, cosim: Command) -> None:
+    """Feed-forward from position_next = 0 would command -position/T_s; a measured position comes from the plant."""
+    wires = ["trajectory.position -> controller.position_ref", "plant.position -> controller.motor_position"]
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        f"connections = {json.dumps([*wires, 'controller.command -> plant.command'])}\n"
+        'experiment = { stop_time = 0.1, step_size = 2.5e-4 }\ninstances.trajectory.fmu = "Trajectory"\n'
+        'instances.controller.fmu = "CascadePid"\ninstances.plant.fmu = "BallscrewStage"\n',
+        encoding="utf-8",
+    )
+    fitting = [note for note in notes(cosim, path, "--fmus", native) if "would fit" in note]
+    assert any("'position_next' is not connected" in n and "trajectory.position_next would fit" in n for n in fitting)
+    assert any("'position' is not connected" in n and "plant.position would fit" in n for n in fitting)
+
+
+def test_noise_is_told_with_its_unit(native: Path, tmp_path: Path, cosim: Command) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'experiment = { stop_time = 0.1, step_size = 1e-3 }\ninstances.controller.fmu = "CascadeP"\n'
+        'instances.plant.fmu = "BallscrewStage"\n'
+        '[[connections]]\nfrom = "plant.position"\nto = "controller.position"\nnoise = { rms = 2e-9, seed = 1 }\n',
+        encoding="utf-8",
+    )
+    code, out, _ = cosim("check", path, "--fmus", native)
+    assert code == 0
+    assert "plant.position -> controller.position (noise of 2e-09 m rms)" in out
+
+
 def test_an_input_that_the_parameters_switch_off_is_not_forgotten(native: Path, cosim: Command) -> None:
     """The controller differentiates the position: its input velocity does nothing."""
     difference = notes(cosim, "maeda2008/step", "--fmus", native)

@@ -265,6 +265,15 @@ def test_info_shows_arrays_as_one_line(native: Path, cosim: Command) -> None:
     assert "nct.error[2]" not in out
 
 
+def test_info_breaks_no_word_of_a_description(native: Path, cosim: Command) -> None:
+    code, out, _ = cosim("info", "BallscrewAxis", "--fmus", str(native))
+    assert code == 0
+    lines = out.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("torque_order[1..2]"))
+    assert lines[at + 1] == "    Periods of torque_ripple in a turn"
+    assert max(len(line) for line in lines if "BallscrewAxis.fmu" not in line) <= 80
+
+
 def test_list_shows_fmus_and_systems(place: Path, cosim: Command) -> None:
     code, out, _ = cosim("list")
     assert code == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.record.resample import Resampler
+from cosim.record.resample import Resampler, usual_step
 
 TIME = np.array([0.0, 0.1, 0.2, 0.3, 0.5])
 VALUES = np.array([1.0, -2.0, 4.0, 0.0, 8.0])
@@ -76,3 +76,11 @@ def test_several_columns_at_once() -> None:
 def test_a_single_sample_holds_for_ever(linear: bool, repeat: bool) -> None:
     own = Resampler(np.array([0.3]), linear=linear, repeat=repeat)
     assert own.values(np.array([7.0]), np.array([0.0, 0.3, 1.0])).tolist() == [7.0, 7.0, 7.0]
+
+
+def test_the_usual_step_of_rounded_times_is_their_mean_and_a_gap_does_not_count() -> None:
+    rounded = np.round(np.arange(1001) / 300.0, 4)  # steps of 3.3 and 3.4 ms
+    assert usual_step(rounded) == pytest.approx(1.0 / 300.0, rel=1e-4)
+    gap = np.concatenate([np.arange(100.0), 150.0 + np.arange(100.0)])
+    assert usual_step(gap) == 1.0
+    assert usual_step(np.array([2.0])) == 0.0

@@ -183,6 +183,39 @@ def test_a_decimal_comma_is_told(tmp_path: Path) -> None:
         read_system(tmp_path / "s.toml", parse_settings(["a.time_constant=0,5"]))
 
 
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("250 ms", 0.25), ("2us", 2e-6), ("1e-3 min", 0.06), ("0.5 s", 0.5), ("+.5e1 s", 5.0)]
+)
+def test_a_start_value_may_have_a_unit(tmp_path: Path, text: str, seconds: float) -> None:
+    write_probe(tmp_path)
+    (tmp_path / "s.toml").write_text(SYSTEM, encoding="utf-8")
+    system = read_system(tmp_path / "s.toml", parse_settings([f"a.time_constant={text}"]))
+    assert system.instance("a").start["time_constant"] == seconds
+    assert read_system(tmp_path / "s.toml").changed({"a.time_constant": text}).instance("a").start == {
+        **system.instance("a").start
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("5 mm", "'mm' cannot be converted. The unit is s."),
+        ("5 sec", "unknown symbol 'sec'. Did you mean 's'?"),
+        ("5 Ns/N", "unknown symbol 'Ns'. Did you mean 'N.s/N'?"),
+        ("5 N*s/N", "cannot read '*s/N'. Did you mean 'N.s/N'?"),
+        ("5 µs", "cannot read 'µs'. Did you mean 'us'?"),
+        ("-1 ms", "-0.001 s is below its minimum 1e-06 s."),
+        ('"5"', '"5" is not a number. Write it without quotes.'),
+    ],
+)
+def test_a_unit_that_does_not_fit_is_told(tmp_path: Path, text: str, problem: str) -> None:
+    write_probe(tmp_path)
+    (tmp_path / "s.toml").write_text(SYSTEM, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        read_system(tmp_path / "s.toml", parse_settings([f"a.time_constant={text}"]))
+    assert problem in str(caught.value)
+
+
 def test_a_stop_time_of_zero_counts(tmp_path: Path) -> None:
     write_probe(tmp_path)
     text = SYSTEM.replace("stop_time", "start_time = -1.0\nstop_time")

@@ -359,3 +359,25 @@ def test_units_are_shown_by_their_meaning(text: str, shown: str) -> None:
 def test_a_word_for_a_unit_is_answered_with_its_symbol(word: str, unit: str) -> None:
     with pytest.raises(DescriptionError, match=f"Did you mean '{unit}'"):
         parse_unit(word)
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("Nm", "N.m"),
+        ("kgm2", "kg.m2"),
+        ("kg*m^2", "kg.m2"),
+        ("m/s²", "m/s2"),
+        ("µm", "um"),
+        ("Nm/A", "N.m/A"),
+        ("V s/m", "V.s/m"),
+        ("00:00:01", None),
+        ("m**", "m"),
+        ("€^2", None),
+    ],
+)
+def test_a_unit_in_another_spelling_is_answered(text: str, meant: str | None) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        parse_unit(text)
+    assert ("Did you mean" in str(caught.value)) is (meant is not None)
+    assert meant is None or f"Did you mean '{meant}'?" in str(caught.value)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..system.parts import Connection, Instance
     from ..system.system import System
 
-SHOWN_VALUES = 8
+SHOWN_VALUES = 12
 """Largest number of start values of an instance in the table, so that a row stays a few lines high."""
 
 
@@ -105,6 +105,8 @@ def _transformation(connection: Connection) -> str:
 
 
 def _show(system: System, notes: list[str]) -> None:
+    from ..system.values import unit_suffix
+
     console = standard_output()
     console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
     table = make_table("Instance", "FMU", "Start values", "Steps over", whole=("Instance", "Steps over"))
@@ -126,7 +128,10 @@ def _show(system: System, notes: list[str]) -> None:
         source, target = (".".join(end) for end in (connection.source, connection.target))
         units = {"converted": " (units converted)", "suppressed": " (units not converted)"}.get(connection.units, "")
         plus = "+ " if connection.added else ""
-        noise = "" if connection.noise is None else f" (noise of {connection.noise.rms:g} rms)"
+        noise = ""
+        if connection.noise is not None:
+            unit = unit_suffix(system.variable(*connection.target))
+            noise = f" (noise of {connection.noise.rms:g}{unit} rms)"
         console.print(f"  {plus}{escape(source)}{_transformation(connection)} -> {escape(target)}{units}{noise}")
     how = "parallel, one step of delay" if system.parallel else ", ".join(system.evaluation_order)
     console.print(f"Order: {escape(how)}")

@@ -366,28 +366,32 @@ def _write(found: Comparison, options: argparse.Namespace, sources: Sequence[Res
 
 
 def show_comparison(found: Comparison) -> None:
-    """Print a comparison."""
+    """Print a comparison, each signal in a unit that suits the size of its difference."""
+    from ..result.plots import display_unit
+
     console = standard_output()
     for note in (f"Compared: {found.how}.", *found.notes):
         console.print(escape(note), soft_wrap=True)
     headings = ("Signal", "Unit", "Largest", "at [s]", "rms", "rms [%]", "Fit [%]")
     table = make_table(*headings, right=headings[2:], whole=headings[2:], title=f"{found.b} minus {found.a}")
     for entry in found.differences:
-        numbers = [_number(entry.maximum, 3), f"{entry.at:.7g}", _number(entry.rms, 3)]
+        unit, factor = display_unit(entry.unit, entry.maximum)
+        numbers = [_number(factor * entry.maximum, 3), f"{entry.at:.7g}", _number(factor * entry.rms, 3)]
         numbers.append(_number(100.0 * entry.relative, 3))
         numbers.append(f"{entry.fit:.6g}" if math.isfinite(entry.fit) else "none")
-        table.add_row(escape(_name(entry)), escape(entry.unit), *numbers)
+        table.add_row(escape(_name(entry)), escape(unit), *numbers)
     console.print(table)
     if found.tracking:
         table = make_table("", "", "", right=("1",), whole=("1",), title="Tracking errors")
         for entry in found.tracking:
+            unit, factor = display_unit(entry.unit, max(entry.rms_a, entry.rms_b))
             for said, value in (
                 (f"{entry.loop}: rms of {found.a}", entry.rms_a),
                 (f"{entry.loop}: rms of {found.b}", entry.rms_b),
                 (f"{entry.loop}: difference, largest", entry.maximum),
                 (f"{entry.loop}: difference, rms", entry.rms),
             ):
-                table.add_row(escape(said), _number(value), escape(entry.unit))
+                table.add_row(escape(said), _number(factor * value), escape(unit))
         console.print(table)
     for line in _verdicts(found):
         console.print(line, soft_wrap=True)

@@ -200,7 +200,8 @@ def set_argument(parser: argparse.ArgumentParser, *, several: bool = False) -> N
         default=[],
         metavar="INST.VAR=VALUE",
         dest="values",
-        help="start values, such as plant.m=70, controller.T_s=2e-4 or trajectory.kind=sine; may be repeated",
+        help="start values, such as plant.m=70, trajectory.amplitude='10 mm' or trajectory.kind=sine; may be repeated "
+        "(of an FMU alone: m=70)",
     )
 
 

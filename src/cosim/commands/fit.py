@@ -98,9 +98,13 @@ def _show(options: argparse.Namespace, fitted: Fitted) -> None:
 
 
 def _show_comparisons(options: argparse.Namespace, fitted: Fitted) -> None:
+    from ..result.plots import display_unit
+
     rows: list[tuple[str, ...]] = [("Record", "rms", "largest", "Unit", "rms / %", "fit / %", "lap to lap")]
     for c in fitted.comparisons:
-        laps = f"{c.repeatability:.3g}" if c.repeatability == c.repeatability else "-"
+        unit, factor = display_unit(c.unit, c.largest)
+        laps = f"{factor * c.repeatability:.3g}" if c.repeatability == c.repeatability else "-"
         name = f"{c.record} {c.output}{' (not fitted)' if c.validates else ''}"
-        rows.append((name, f"{c.rms:.4g}", f"{c.largest:.3g}", c.unit, f"{c.relative:.3g}", f"{c.fit:.4g}", laps))
+        figures = f"{factor * c.rms:.4g}", f"{factor * c.largest:.3g}", unit
+        rows.append((name, *figures, f"{c.relative:.3g}", f"{c.fit:.4g}", laps))
     show(options, {}, rows, "Record minus system")

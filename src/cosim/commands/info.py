@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
+from rich.padding import Padding
 
 from .console import fmus_argument, make_table, print_note, standard_output
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from ..fmu.description import Fmu
     from ..fmu.variables import Variable
 
 
+ROOM = 40
+"""Smallest width in which descriptions are read well beside the other columns."""
+GAP = 3
+"""Width between two columns of a table."""
 SHOWN_FINDINGS = 30
 """Largest number of findings about the file that are shown. They fit on one screen."""
 
@@ -47,22 +56,7 @@ def _run(options: argparse.Namespace) -> int:
         f"{escape(str(path))}; FMI {fmu.fmi}; platforms {', '.join(fmu.platforms) or 'none'}{step}{stop}",
         soft_wrap=True,
     )
-    whole = ("Variable", "Unit", "Start", "Range")
-    table = make_table("Variable", "Unit", "Start", "Range", "Description", right=("Start",), whole=whole)
-    causality = ""
-    for name, variable in _rows(fmu):
-        if variable.causality != causality:
-            causality = variable.causality
-            table.add_section()
-            table.add_row(f"[bold]{causality}[/]")
-        table.add_row(
-            escape(name),
-            escape(_units(variable)),
-            escape(_start(variable)),
-            _range(variable),
-            escape(_description(variable)),
-        )
-    console.print(table)
+    _print_variables(console, fmu)
     for finding in fmu.findings[:SHOWN_FINDINGS]:
         print_note(f"note: {finding}")
     if len(fmu.findings) > SHOWN_FINDINGS:
@@ -75,6 +69,39 @@ def _run(options: argparse.Namespace) -> int:
         assumed = " (the file does not say: all count)" if output in unstated else ""
         console.print(f"  {escape(output)}: {escape(', '.join(fmu.dependencies[output]) or 'none')}{assumed}")
     return 0
+
+
+def _print_variables(console: Console, fmu: Fmu) -> None:
+    """Print the variables as a table; where that leaves no room for the descriptions, each below its variable."""
+    rows = [
+        (variable.causality, (name, _units(variable), _start(variable), _range(variable)), _description(variable))
+        for name, variable in _rows(fmu)
+    ]
+    headings = "Variable", "Unit", "Start", "Range"
+    widths = [max(len(cells[i]) for cells in (headings, *(cells for _, cells, _ in rows))) for i in range(4)]
+    room = console.width - sum(widths) - 4 * GAP
+    if room >= min(ROOM, max((len(text) for *_, text in rows), default=0)):
+        table = make_table(*headings, "Description", right=("Start",), whole=headings)
+        for group, entries in groupby(rows, key=lambda row: row[0]):
+            table.add_section()
+            table.add_row(f"[bold]{group}[/]")
+            for _, cells, text in entries:
+                table.add_row(*map(escape, (*cells, text)))
+        console.print(table)
+        return
+
+    def line(cells: Sequence[str]) -> str:
+        name, unit, start, bounds = cells
+        return f"{name:<{widths[0]}}   {unit:<{widths[1]}}   {start:>{widths[2]}}   {bounds}".rstrip()
+
+    console.print(f"\n[bold]{line(headings)}[/]")
+    for group, entries in groupby(rows, key=lambda row: row[0]):
+        console.print(f"\n[bold]{group}[/]")
+        for _, cells, text in entries:
+            console.print(escape(line(cells)), soft_wrap=True)
+            if text:
+                console.print(Padding(escape(text), (0, 0, 0, 4), expand=False))
+    console.print()
 
 
 def _rows(fmu: Fmu) -> list[tuple[str, Variable]]:

@@ -40,6 +40,8 @@ A longer record is written to its file during the run. Figures are then computed
 """
 _FILES = ("output", "plot", "report")
 """Options that name the files of a run."""
+WHOLE_NAME = 44
+"""Longest name of a figure that is not wrapped."""
 MAX_SHOWN_MESSAGES = 20
 """Largest number of messages of FMUs that are shown after a run; the gravest come first."""
 MAX_SHOWN_TEXT = 1000
@@ -388,7 +390,8 @@ def _real_time_factor(result: Result) -> float:
 def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
     """The table of a run: its length and its figures of merit."""
     facts = result.metadata
-    table = make_table("", "", "", right=("1",), whole=("1",))
+    names_fit = all(len(row.name) <= WHOLE_NAME for row in figures)
+    table = make_table("", "", "", right=("1",), whole=("0", "1") if names_fit else ("1",))
     table.add_row("Simulated", f"{facts['steps'] * facts['step_size']:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
     for instance, counts in result.solver.items():

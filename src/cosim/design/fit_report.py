@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from ..result.compare import spectrum
-from ..result.plots import Panel, Series
+from ..result.plots import Panel, Series, display_unit, typeset
 from ..result.report import Cell, Chart, Notes, Section, Table, Text, write_report
 from .fit import Fitted, OutputFit
 
@@ -41,19 +41,12 @@ def _values(fitted: Fitted) -> Table:
 
 
 def _agreement(fitted: Fitted) -> Table:
-    rows: list[list[Cell]] = [
-        [
-            f"{c.record} {c.output}",
-            "not fitted" if c.validates else "fitted",
-            c.rms,
-            c.largest,
-            c.unit,
-            c.relative,
-            c.fit,
-            "" if math.isnan(c.repeatability) else c.repeatability,
-        ]
-        for c in fitted.comparisons
-    ]
+    rows: list[list[Cell]] = []
+    for c in fitted.comparisons:
+        unit, factor = display_unit(c.unit, c.largest)
+        laps: Cell = "" if math.isnan(c.repeatability) else factor * c.repeatability
+        names = f"{c.record} {c.output}", "not fitted" if c.validates else "fitted"
+        rows.append([*names, factor * c.rms, factor * c.largest, unit, c.relative, c.fit, laps])
     headings = ("Record", "", "rms", "Largest", "Unit", "rms / %", "Fit / %", "Lap to lap, rms")
     return Table(rows, headings, "Record minus system. A record that was not fitted is the one to trust.")
 
@@ -84,7 +77,7 @@ def _residuals(fitted: Fitted) -> list[Text | Chart]:
                 Series("difference", frequency, density, 2),
                 Series("noise", frequency, 0.0 * density + level, 7, dashed=True),
             )
-            panels.append(Panel(c.output, f"{c.unit}/Hz0.5", lines, log=True))
+            panels.append(Panel(c.output, f"{typeset(c.unit)}/\N{SQUARE ROOT}Hz", lines, log=True))
         parts.append(Chart(panels, f"Record {record}: density of the difference.", "Frequency", "Hz", log_x=True))
         said = [
             f"{c.output}: {', '.join(f'{100.0 * p.share:.2g} % near {p.frequency:.3g} Hz' for p in c.peaks)}"

@@ -16,15 +16,10 @@ from ..units import conversion
 from .csv import shortened
 from .frame import dataframe, listed, span
 from .header import TIME_NAMES, split_label, unit_text
+from .resample import UNEVEN, usual_step
 from .tables import TEXT, Table, open_table
 
 Array = NDArray[np.float64]
-
-UNEVEN = 0.1
-"""A step of time is reported if it differs by more than this fraction from the usual step.
-
-Rounding of the times in logs causes smaller differences.
-"""
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,12 +61,7 @@ class Record:
     @property
     def step(self) -> float:
         """The usual step of time in s: the mean if no step is uneven, else the median; 0 for a single sample."""
-        if self.time.size < 2:
-            return 0.0
-        steps = np.diff(self.time)
-        median = float(np.median(steps))
-        uneven = bool(np.any(np.abs(steps - median) > UNEVEN * median))
-        return median if uneven else float(self.time[-1] - self.time[0]) / steps.size
+        return usual_step(self.time)
 
     def uneven(self) -> str:
         """A sentence about steps of time that differ from the usual step; "" if all are equal."""

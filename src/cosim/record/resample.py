@@ -17,6 +17,22 @@ shorter of the record's step and the reader's step.
 EXACT = 1e-9
 """The same fraction for linear interpolation. It is so small that it does not change an interpolated value visibly."""
 
+UNEVEN = 0.1
+"""A step of time is reported if it differs by more than this fraction from the usual step.
+
+Rounding of the times in logs causes smaller differences.
+"""
+
+
+def usual_step(time: Array) -> float:
+    """The usual step of ``time``: the mean if no step is uneven, else the median; 0 for less than two samples."""
+    if time.size < 2:
+        return 0.0
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    uneven = bool(np.any(np.abs(steps - median) > UNEVEN * median))
+    return median if uneven else float(time[-1] - time[0]) / steps.size
+
 
 class Resampler:
     """Reads samples taken at ``time`` (in s, strictly increasing) at other times, at least ``grid`` seconds apart.
@@ -26,7 +42,7 @@ class Resampler:
 
     def __init__(self, time: Array, *, grid: float = np.inf, linear: bool = False, repeat: bool = False) -> None:
         self.time = time
-        self.step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+        self.step = usual_step(time) if time.size > 1 else 1.0
         """The usual step of time in s. A record that repeats itself has this step from its last to its first sample."""
         self.slack = EQUAL * min(self.step, grid)
         self.linear = linear

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
 from ..record.read import Record
+from ..record.resample import usual_step
 from ..units import parse_unit
 from .metrics import Array, window
 from .summary import Recorded
@@ -44,7 +45,7 @@ class Side:
     @property
     def step(self) -> float:
         """The usual step of time in s."""
-        return float(np.median(np.diff(self.time)))
+        return usual_step(self.time)
 
     def named(self, name: str) -> Array:
         """The values of a signal. Raises DescriptionError if there is no such signal."""

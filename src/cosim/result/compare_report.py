@@ -11,7 +11,7 @@ import numpy as np
 from ..record.read import Record
 from .compare import Comparison, Difference
 from .picture import Picture
-from .plots import Panel, Series, typeset
+from .plots import Panel, Series, display_unit, typeset
 from .report import Chart, Notes, Part, Section, Table, Text, write_report
 from .result import Result
 from .run_report import figure_parts, provenance, system_parts
@@ -22,17 +22,18 @@ MOST_SIGNALS = 8
 
 
 def comparison_rows(found: Comparison) -> list[Figure]:
-    """The figures of a comparison as rows of a table."""
+    """The figures of a comparison as rows of a table, each in a unit that suits the size of the difference."""
     rows: list[Figure] = []
     for entry in found.differences:
         head = entry.name if entry.name == entry.other else f"{entry.name} / {entry.other}"
         if not math.isfinite(entry.maximum):
             rows.append(Missing(f"{head}: difference", "a signal is not finite everywhere"))
             continue
+        unit, factor = display_unit(entry.unit, entry.maximum)
         rows += [
-            FigureOfMerit(f"{head}: difference, maximum, at {entry.at:.6g} s", entry.maximum, entry.unit),
-            FigureOfMerit(f"{head}: difference, rms", entry.rms, entry.unit),
-            FigureOfMerit(f"{head}: difference, mean", entry.mean, entry.unit),
+            FigureOfMerit(f"{head}: difference, maximum, at {entry.at:.6g} s", factor * entry.maximum, unit),
+            FigureOfMerit(f"{head}: difference, rms", factor * entry.rms, unit),
+            FigureOfMerit(f"{head}: difference, mean", factor * entry.mean, unit),
         ]
         if math.isfinite(entry.relative):
             rows.append(FigureOfMerit(f"{head}: rms, relative to that of {found.a}", 100.0 * entry.relative, "%"))
@@ -41,20 +42,21 @@ def comparison_rows(found: Comparison) -> list[Figure]:
         rows.append(FigureOfMerit(fit, entry.fit, "%") if varies else Missing(fit, f"{found.a} does not vary"))
         if entry.spectrum is not None and entry.rms > 0.0:
             said = f"{head}: largest component, at {entry.spectrum.peak_frequency:.4g} Hz"
-            rows.append(FigureOfMerit(said, entry.spectrum.peak_amplitude, entry.unit))
+            rows.append(FigureOfMerit(said, factor * entry.spectrum.peak_amplitude, unit))
         if entry.outside is not None:
             out = entry.outside
             said = f"{head}: outside the tolerance, first at {out.first:.6g} s"
             rows += [
                 FigureOfMerit(said, 100.0 * out.share, "% of the samples"),
-                FigureOfMerit(f"{head}: beyond it by", out.excess, entry.unit),
+                FigureOfMerit(f"{head}: beyond it by", factor * out.excess, unit),
             ]
     for entry in found.tracking:
+        unit, factor = display_unit(entry.unit, max(entry.rms_a, entry.rms_b))
         rows += [
-            FigureOfMerit(f"{entry.loop}: tracking error of {found.a}, rms", entry.rms_a, entry.unit),
-            FigureOfMerit(f"{entry.loop}: tracking error of {found.b}, rms", entry.rms_b, entry.unit),
-            FigureOfMerit(f"{entry.loop}: difference of the tracking errors, maximum", entry.maximum, entry.unit),
-            FigureOfMerit(f"{entry.loop}: difference of the tracking errors, rms", entry.rms, entry.unit),
+            FigureOfMerit(f"{entry.loop}: tracking error of {found.a}, rms", factor * entry.rms_a, unit),
+            FigureOfMerit(f"{entry.loop}: tracking error of {found.b}, rms", factor * entry.rms_b, unit),
+            FigureOfMerit(f"{entry.loop}: difference of the tracking errors, maximum", factor * entry.maximum, unit),
+            FigureOfMerit(f"{entry.loop}: difference of the tracking errors, rms", factor * entry.rms, unit),
         ]
     return rows
 

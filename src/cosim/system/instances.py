@@ -14,7 +14,7 @@ from ..fmu.places import find_fmu
 from ..fmu.variables import Value, Variable, suggest_variable
 from .findings import Findings
 from .parts import Instance
-from .values import flat_table, show_value, start_value
+from .values import flat_table, in_unit_of, show_value, start_value
 
 SHOWN_FINDINGS = 3
 """Largest number of findings about an FMU's file that become notes of the system."""
@@ -100,7 +100,7 @@ def _starts(where: str, fmu: Fmu, value: object, findings: Findings) -> dict[str
     result: dict[str, Value] = {}
     for name, given in flat_table(cast("Mapping[str, Any]", value)):
         if name in fmu.variables:
-            _start(f"{where}.{name}", fmu.variables[name], given, result, findings)
+            _start(f"{where}.{name}", fmu, fmu.variables[name], given, result, findings)
         elif name in fmu.arrays:
             _array_start(f"{where}.{name}", fmu, fmu.arrays[name], given, result, findings)
         else:
@@ -131,7 +131,7 @@ def _array_start(  # noqa: PLR0917
         return
     for element, item in zip(array.elements, values, strict=True):
         index = element.rpartition("[")[2]
-        _start(f"{where}[{index}", fmu.variables[element], item, result, findings)
+        _start(f"{where}[{index}", fmu, fmu.variables[element], item, result, findings)
 
 
 class _NoListError(Exception):
@@ -161,12 +161,17 @@ def _few(names: Sequence[str]) -> str:
     return shown if len(names) <= 6 else f"{shown} ..."
 
 
-def _start(where: str, variable: Variable, given: object, result: dict[str, Value], findings: Findings) -> None:
+def _start(  # noqa: PLR0917
+    where: str, fmu: Fmu, variable: Variable, given: object, result: dict[str, Value], findings: Findings
+) -> None:
     if not variable.settable:
         remedy = "Only parameters, inputs and initial states can be set."
         findings.problem(where, f"a {variable.variability} {variable.causality} cannot be set. {remedy}")
         return
-    value, problem = start_value(variable, given)
+    given, problem = in_unit_of(fmu, variable, given)
+    value = None
+    if not problem:
+        value, problem = start_value(variable, given)
     if problem:
         findings.problem(where, problem)
     elif value is not None:

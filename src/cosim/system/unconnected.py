@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ..fmu.variables import Variable
 from .connections import ACCEPTED_TYPES, is_same_unit
@@ -32,8 +32,9 @@ def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
     """The inputs that were probably forgotten. For each, the outputs that would fit it, the best one first.
 
     Such an input is not connected and has no start value in the system. An output fits if it has the same name, type
-    and unit, and makes no algebraic loop. A source is an FMU without inputs. It fits only references: its output ``x``
-    fits the input ``x_ref``.
+    and unit, and makes no algebraic loop. A source is an FMU without inputs. It fits references: its output ``x`` fits
+    the input ``x_ref``; and it fits the input ``x`` if no other instance has an output ``x`` and if it feeds the same
+    instance already, as ``position_next`` of a trajectory does.
     """
     instances = {instance.name: instance for instance in system.instances}
     connected = sources(system.connections)
@@ -44,7 +45,7 @@ def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
             continue
         fitting = [
             source
-            for source in _fitting(name, instances[name].fmu.variables[input_name], instances)
+            for source in _fitting(name, instances[name].fmu.variables[input_name], instances, connected)
             if not find_loop(instances, {**connected, target: (source,)})
         ]
         if fitting:
@@ -54,12 +55,18 @@ def fitting_outputs(system: System) -> dict[Input, tuple[str, ...]]:
     return found
 
 
-def _fitting(name: str, variable: Variable, instances: Mapping[str, Instance]) -> list[tuple[str, str]]:
+def _fitting(
+    name: str, variable: Variable, instances: Mapping[str, Instance], connected: Mapping[Input, Sequence[Input]]
+) -> list[tuple[str, str]]:
     fmu = instances[name].fmu
+    measured = any(i.fmu.inputs and variable.name in i.fmu.outputs for i in instances.values() if i.name != name)
+    measured = measured or f"{variable.name}_ref" in fmu.inputs
+    feeders = {source[0] for target, given in connected.items() if target[0] == name for source in given}
     found: list[tuple[str, str]] = []
     for other in instances.values():
         source = not other.fmu.inputs
-        if other.name == name or (source and not variable.name.endswith("_ref")):
+        reference = variable.name.endswith("_ref")
+        if other.name == name or (source and not reference and (measured or other.name not in feeders)):
             continue
         wanted = variable.name.removesuffix("_ref") if source else variable.name
         offered = other.fmu.variables.get(wanted)

@@ -11,12 +11,19 @@ from fractions import Fraction
 from typing import Any, cast
 
 from ..errors import DescriptionError, clipped, suggest
+from ..fmu.description import Fmu
 from ..fmu.variables import Value, Variable
+from ..units import parse_unit
 
 _FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """A number as people type it. TOML is stricter: it needs digits on both sides of the point, and no leading zeros."""
+
+
+_QUANTITY = re.compile(rf"(?P<number>(?>{_NUMBER.pattern}))\s*(?P<unit>([^\W\d_]|[%°\[]|1/).*)")
+"""A number with a unit, such as ``10 mm`` or ``5 1/s``."""
+
 
 RANGES = {
     "Integer": (-(2**31), 2**31 - 1),
@@ -132,6 +139,29 @@ def is_numeric(variable: Variable) -> bool:
     return variable.type not in ("String", "Binary", "Clock")
 
 
+def in_unit_of(fmu: Fmu, variable: Variable, given: object) -> tuple[object, str]:
+    """A value that is given with a unit, such as ``"10 mm"``, as a number in the unit of the variable, and "".
+
+    Every other value is returned as it is. If the unit cannot be converted, the second item is a sentence.
+    """
+    match = _QUANTITY.fullmatch(given.strip()) if isinstance(given, str) and variable.type == "Real" else None
+    if match is None:
+        return given, ""
+    number, name = Decimal(match["number"]), match["unit"]
+    unit, wanted = fmu.unit(name), fmu.unit(variable.unit or "1")
+    if unit is None:
+        try:
+            parse_unit(name)
+        except DescriptionError as error:
+            return given, f"{show_value(given)}: {error}"
+    said = f"The unit is {variable.unit}." if variable.unit else "The variable has no unit: give a number."
+    factors = None if unit is None or wanted is None else unit.conversion(wanted)
+    if factors is None:
+        return given, f"{show_value(given)}: '{name}' cannot be converted. {said}"
+    factor, offset = (Decimal(repr(value)) for value in factors)
+    return number * factor + offset, ""
+
+
 def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
     """The start value for ``variable`` and ""; or None and a sentence about what is wrong with it."""
     kind, unit = variable.type, unit_suffix(variable)
@@ -149,11 +179,11 @@ def start_value(variable: Variable, given: object) -> tuple[Value | None, str]:
         given = float(ratio)
     number = None if isinstance(given, str) else decimal(given)
     if number is None:
-        comma = (
-            " Write it with a point."
-            if isinstance(given, str) and "," in given and _NUMBER.fullmatch(given.replace(",", "."))
-            else ""
-        )
+        comma = ""
+        if isinstance(given, str) and _NUMBER.fullmatch(given):
+            comma = " Write it without quotes."
+        elif isinstance(given, str) and _NUMBER.fullmatch(given.replace(",", ".")):
+            comma = " Write it with a point."
         said = f"{show_value(given)} is not a number."
         return None, said + comma + (f" The unit is {variable.unit}." if unit else "")
     if not number.is_finite() or not math.isfinite(float(number)):
