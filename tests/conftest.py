@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import shutil
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cosim.commands.cli import main
 from cosim.export.compile import host_platform
 from cosim.export.loop_library import FOLDER, compile_loop
 from cosim.export.workspace import Flavour, Workspace
@@ -23,6 +24,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 ROOT = Path(__file__).resolve().parents[1]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 WORKSPACE = Workspace(ROOT, ROOT / "build" / "cache")
+Command = Callable[..., tuple[int, str, str]]
+"""Function: arguments of ``cosim`` -> its exit code, output and errors."""
 
 
 def built(flavour: Flavour) -> Path:
@@ -57,6 +60,21 @@ def python() -> Path:
 def fmi3() -> Path:
     """The folder of the FMI 3.0 FMUs, every one current."""
     return built("fmi3")
+
+
+@pytest.fixture
+def cosim(capsys: pytest.CaptureFixture[str]) -> Command:
+    """The command ``cosim``, in this process."""
+
+    def called(*arguments: str | Path) -> tuple[int, str, str]:
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return called
 
 
 @pytest.fixture(scope="module")

@@ -83,10 +83,10 @@ def word(axes: Axes, x: float, y: float, text: str, size: float = 20.0, colour: 
     axes.text(x, y, text, ha="center", va="center", fontsize=size, color=colour, fontweight="bold", zorder=4)
 
 
-def ground(axes: Axes, y: float, left: float = 6.0, right: float = 94.0) -> None:
+def ground(axes: Axes, y: float) -> None:
     """A hatched bed with its surface at ``y``."""
-    line(axes, (left, right), (y, y), width=3.5)
-    for x in np.arange(left + 2.0, right, 8.0):
+    line(axes, (6.0, 94.0), (y, y), width=3.5)
+    for x in np.arange(8.0, 94.0, 8.0):
         line(axes, (x, x - 5.0), (y, y - 6.0), STEEL, 1.8)
 
 

@@ -3,32 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Command
 from fmu_files import PROBE, Variable, probe_library, write_fmu, write_gain, write_probe
 
-from cosim.commands.cli import main
 from cosim.master.trial import try_system
 from cosim.system.system import read_system
 
-Call = Callable[..., tuple[int, str, str]]
 
-
-@pytest.fixture
-def cosim(capsys: pytest.CaptureFixture[str]) -> Call:
-    def called(*arguments: str | Path) -> tuple[int, str, str]:
-        code = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return called
-
-
-def notes(cosim: Call, *arguments: str | Path) -> list[str]:
+def notes(cosim: Command, *arguments: str | Path) -> list[str]:
     code, out, _ = cosim("check", *arguments, "--json")
     assert code == 0
     found: dict[str, Any] = json.loads(out)
@@ -47,7 +34,7 @@ def notes(cosim: Call, *arguments: str | Path) -> list[str]:
         (["trajectory.kind=stairs"], "stairs need a dwell"),
     ],
 )
-def test_rules_between_parameters_are_told(native: Path, cosim: Call, settings: list[str], text: str) -> None:
+def test_rules_between_parameters_are_told(native: Path, cosim: Command, settings: list[str], text: str) -> None:
     given = [item for setting in settings for item in ("--set", setting)]
     code, out, err = cosim("check", "shams2010/fsmc_5sin", "--fmus", native, *given)
     assert code == 2
@@ -70,7 +57,7 @@ def system(folder: Path, *, a: str = "", b: str = "", connections: str = '"a.y -
     return path
 
 
-def test_an_fmu_that_fails_at_initialization(tmp_path: Path, cosim: Call) -> None:
+def test_an_fmu_that_fails_at_initialization(tmp_path: Path, cosim: Command) -> None:
     code, _, err = cosim("check", system(tmp_path, b="fail_time = -1.0, fail_function = 3"))
     assert (code, "b: fmi2" in err) == (2, True), err
 
@@ -83,7 +70,7 @@ def ending(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(("gain", "text"), [(2, "SIGSEGV"), (3, "exit code 5")])
-def test_an_fmu_that_ends_its_process_is_named(tmp_path: Path, cosim: Call, gain: int, text: str) -> None:
+def test_an_fmu_that_ends_its_process_is_named(tmp_path: Path, cosim: Command, gain: int, text: str) -> None:
     code, out, err = cosim("check", ending(tmp_path), "--set", f"gain={gain}")
     assert code == 2
     assert f"E ended the process during initialization ({text})." in err
@@ -95,7 +82,7 @@ def test_an_initialization_without_end_is_ended(tmp_path: Path) -> None:
     assert found.problem == "E is not initialized after 3 s."
 
 
-def test_problems_as_json(tmp_path: Path, cosim: Call) -> None:
+def test_problems_as_json(tmp_path: Path, cosim: Command) -> None:
     code, out, err = cosim("check", system(tmp_path, a="gan = 2.0"), "--json", "--step-size", "0.3")
     assert (code, err) == (2, "")
     assert [problem.split(": ")[1] for problem in json.loads(out)["problems"]] == [
@@ -104,7 +91,7 @@ def test_problems_as_json(tmp_path: Path, cosim: Call) -> None:
     ]
 
 
-def test_facts_as_json(native: Path, cosim: Call) -> None:
+def test_facts_as_json(native: Path, cosim: Command) -> None:
     code, out, _ = cosim("check", "shams2010/fsmc_5sin", "--fmus", native, "--json", "--order", "parallel")
     found = json.loads(out)
     assert code == 0
@@ -122,7 +109,7 @@ def test_facts_as_json(native: Path, cosim: Call) -> None:
     assert (found["steps"], found["step_size"]) == (100000, 1e-4)
 
 
-def test_enumerations_are_shown_by_name_and_arrays_by_length(native: Path, cosim: Call) -> None:
+def test_enumerations_are_shown_by_name_and_arrays_by_length(native: Path, cosim: Command) -> None:
     code, out, _ = cosim("check", "maeda2008/step", "--fmus", native)
     assert code == 0
     assert "kind = step" in " ".join(out.split())
@@ -134,7 +121,7 @@ def test_enumerations_are_shown_by_name_and_arrays_by_length(native: Path, cosim
 # Notes
 
 
-def test_a_forgotten_input_is_told_with_the_output_that_fits(native: Path, tmp_path: Path, cosim: Call) -> None:
+def test_a_forgotten_input_is_told_with_the_output_that_fits(native: Path, tmp_path: Path, cosim: Command) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(
         'base = "shams2010/fsmc_5sin"\nconnections = [\n"trajectory.position -> controller.position_ref",\n'
@@ -159,7 +146,7 @@ def test_a_forgotten_input_is_told_with_the_output_that_fits(native: Path, tmp_p
     assert not any("would fit" in note for note in notes(cosim, path, "--fmus", native, *given))
 
 
-def test_a_forgotten_output_of_a_trajectory_is_told(native: Path, tmp_path: Path, cosim: Call) -> None:
+def test_a_forgotten_output_of_a_trajectory_is_told(native: Path, tmp_path: Path, cosim: Command) -> None:
     """Feed-forward from position_next = 0 would command -position/T_s; a measured position comes from the plant."""
     wires = ["trajectory.position -> controller.position_ref", "plant.position -> controller.motor_position"]
     path = tmp_path / "mine.toml"
@@ -174,7 +161,7 @@ def test_a_forgotten_output_of_a_trajectory_is_told(native: Path, tmp_path: Path
     assert any("'position' is not connected" in n and "plant.position would fit" in n for n in fitting)
 
 
-def test_noise_is_told_with_its_unit(native: Path, tmp_path: Path, cosim: Call) -> None:
+def test_noise_is_told_with_its_unit(native: Path, tmp_path: Path, cosim: Command) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(
         'experiment = { stop_time = 0.1, step_size = 1e-3 }\ninstances.controller.fmu = "CascadeP"\n'
@@ -187,7 +174,7 @@ def test_noise_is_told_with_its_unit(native: Path, tmp_path: Path, cosim: Call) 
     assert "plant.position -> controller.position (noise of 2e-09 m rms)" in out
 
 
-def test_an_input_that_the_parameters_switch_off_is_not_forgotten(native: Path, cosim: Call) -> None:
+def test_an_input_that_the_parameters_switch_off_is_not_forgotten(native: Path, cosim: Command) -> None:
     """The controller differentiates the position: its input velocity does nothing."""
     difference = notes(cosim, "maeda2008/step", "--fmus", native)
     assert not any("would fit" in note for note in difference)
@@ -195,7 +182,7 @@ def test_an_input_that_the_parameters_switch_off_is_not_forgotten(native: Path, 
     assert any("plant.velocity would fit" in note for note in measured)
 
 
-def test_the_output_of_the_same_axis_fits(tmp_path: Path, cosim: Call) -> None:
+def test_the_output_of_the_same_axis_fits(tmp_path: Path, cosim: Command) -> None:
     parts = [v for v in PROBE if v.name in ("u", "z", "gain")]
     renamed = [replace(v, name={"u": "force", "z": "velocity", "gain": "gain"}[v.name]) for v in parts]
     renamed = [replace(v, depends_on=("force",)) if v.causality == "output" else v for v in renamed]
@@ -217,7 +204,7 @@ def test_the_output_of_the_same_axis_fits(tmp_path: Path, cosim: Call) -> None:
         )
 
 
-def test_other_unconnected_inputs_are_listed(native: Path, tmp_path: Path, cosim: Call) -> None:
+def test_other_unconnected_inputs_are_listed(native: Path, tmp_path: Path, cosim: Command) -> None:
     assert "instances.plant: unconnected inputs stay at load_torque = 0.0 N.m." in notes(
         cosim, "shams2010/fsmc_5sin", "--fmus", native
     )
@@ -226,7 +213,7 @@ def test_other_unconnected_inputs_are_listed(native: Path, tmp_path: Path, cosim
 
 
 @pytest.mark.parametrize(("step", "samples"), [("1e-2", 100), ("2e-4", 2), ("1e-4", None), ("5e-5", None)])
-def test_samples_that_the_step_does_not_meet(native: Path, cosim: Call, step: str, samples: int | None) -> None:
+def test_samples_that_the_step_does_not_meet(native: Path, cosim: Command, step: str, samples: int | None) -> None:
     found = notes(cosim, "shams2010/fsmc_5sin", "--fmus", native, "--step-size", step)
     text = f"it takes {samples} samples a step with inputs that do not change"
     assert any(text in note for note in found) == (samples is not None)
@@ -235,7 +222,7 @@ def test_samples_that_the_step_does_not_meet(native: Path, cosim: Call, step: st
 
 @pytest.mark.parametrize(("stated", "times"), [("1e-3", 500), ("5e-3", 100), ("1e-2", None), ("0", None)])
 def test_a_step_far_beyond_that_of_the_file_is_told(
-    tmp_path: Path, cosim: Call, stated: str, times: int | None
+    tmp_path: Path, cosim: Command, stated: str, times: int | None
 ) -> None:
     path = write_gain(tmp_path, "Gain", "m", "m", experiment=f'stopTime="1" stepSize="{stated}"')
     found = [note for note in notes(cosim, path, "--step-size", "0.5") if "that of its file" in note]
@@ -245,7 +232,7 @@ def test_a_step_far_beyond_that_of_the_file_is_told(
 
 @pytest.mark.parametrize(("sampling", "samples"), [("1", 2), ("20", 1), ("0.05", None), ("1e-3", None)])
 def test_a_controller_that_hardly_samples_is_told(
-    native: Path, cosim: Call, sampling: str, samples: int | None
+    native: Path, cosim: Command, sampling: str, samples: int | None
 ) -> None:
     setting = ("--set", f"controller.T_s={sampling}", "--stop-time", "1")
     found = notes(cosim, "shams2010/fsmc_5sin", "--fmus", native, *setting)
@@ -256,7 +243,7 @@ def test_a_controller_that_hardly_samples_is_told(
 @pytest.mark.parametrize(
     ("T_s", "said"), [("0.1", "T_s = 0.0001 s against a communication step of 0.01 s"), ("10", "")]
 )
-def test_a_sampling_time_counts_in_its_unit(tmp_path: Path, cosim: Call, T_s: str, said: str) -> None:
+def test_a_sampling_time_counts_in_its_unit(tmp_path: Path, cosim: Command, T_s: str, said: str) -> None:
     variables = [*(v for v in PROBE if v.name in ("u", "z")), Variable("T_s", "parameter", 3, start=T_s, unit="ms")]
     path = write_fmu(tmp_path / "Foreign.fmu", variables, binary=probe_library().read_bytes())
     found = [note for note in notes(cosim, path, "--step-size", "1e-2", "--stop-time", "1") if "T_s" in note]
@@ -275,7 +262,7 @@ def test_a_sampling_time_counts_in_its_unit(tmp_path: Path, cosim: Call, T_s: st
         ("trajectory.phase=0.3", ""),
     ],
 )
-def test_a_start_value_of_another_kind_is_told(native: Path, cosim: Call, setting: str, text: str) -> None:
+def test_a_start_value_of_another_kind_is_told(native: Path, cosim: Command, setting: str, text: str) -> None:
     kind = ("--set", "trajectory.kind=circle", "--set", "trajectory.turns=2")
     found = notes(cosim, "shams2010/fsmc_5sin", "--fmus", native, *kind, "--set", setting, "--stop-time", "40")
     name = setting.partition("=")[0].rpartition(".")[2]
@@ -287,13 +274,13 @@ def test_a_start_value_of_another_kind_is_told(native: Path, cosim: Call, settin
         assert told == []
 
 
-def test_an_amplitude_of_zero_hides_nothing(native: Path, cosim: Call) -> None:
+def test_an_amplitude_of_zero_hides_nothing(native: Path, cosim: Command) -> None:
     zero = ("--set", "trajectory.amplitude=0", "--set", "trajectory.frequency=2")
     found = notes(cosim, "shams2010/fsmc_5sin", "--fmus", native, *zero)
     assert not any("no effect" in note for note in found)
 
 
-def test_an_fmu_that_needs_its_tool_is_told(tmp_path: Path, cosim: Call) -> None:
+def test_an_fmu_that_needs_its_tool_is_told(tmp_path: Path, cosim: Command) -> None:
     variables = [v for v in PROBE if v.name in ("u", "z", "gain")]
     binary = probe_library().read_bytes()
     write_fmu(tmp_path / "T.fmu", variables, binary=binary, attributes='needsExecutionTool="true"')
@@ -301,7 +288,7 @@ def test_an_fmu_that_needs_its_tool_is_told(tmp_path: Path, cosim: Call) -> None
     assert found[0] == "instances.T: T runs only where the tool that made it is installed."
 
 
-def test_values_that_are_not_finite_at_the_start_are_told(tmp_path: Path, cosim: Call) -> None:
+def test_values_that_are_not_finite_at_the_start_are_told(tmp_path: Path, cosim: Command) -> None:
     path = write_gain(tmp_path, "G", "m", "m", experiment='stopTime="1" stepSize="1"')
     found = notes(cosim, path, "--set", "gain=1e308", "--set", "u=1e308")
     assert "G.z is inf after initialization." in found
@@ -310,7 +297,7 @@ def test_values_that_are_not_finite_at_the_start_are_told(tmp_path: Path, cosim:
 # One FMU
 
 
-def test_one_fmu_runs_by_path_or_name(native: Path, tmp_path: Path, cosim: Call) -> None:
+def test_one_fmu_runs_by_path_or_name(native: Path, tmp_path: Path, cosim: Command) -> None:
     plot = tmp_path / "move.png"
     given = ("--set", "kind=quintic", "--stop-time", "1")
     code, out, err = cosim("run", "Trajectory", "--fmus", native, *given, "--plot", plot)
@@ -320,7 +307,7 @@ def test_one_fmu_runs_by_path_or_name(native: Path, tmp_path: Path, cosim: Call)
     assert (code, json.loads(out)["steps"]) == (0, 10000)
 
 
-def test_an_order_that_is_none_is_suggested(native: Path, cosim: Call) -> None:
+def test_an_order_that_is_none_is_suggested(native: Path, cosim: Command) -> None:
     code, _, err = cosim("check", "shams2010/fsmc_5sin", "--fmus", native, "--order", "sequencial")
     assert code == 2
     assert "'sequencial' is no order. Did you mean 'sequential'?" in err
@@ -328,7 +315,7 @@ def test_an_order_that_is_none_is_suggested(native: Path, cosim: Call) -> None:
     assert "Did you mean 'parallel'?" in err
 
 
-def test_a_nan_comes_first_and_ends_with_1(tmp_path: Path, cosim: Call) -> None:
+def test_a_nan_comes_first_and_ends_with_1(tmp_path: Path, cosim: Command) -> None:
     path = write_gain(tmp_path, "G", "m", "m", experiment='stopTime="1" stepSize="0.5"')
     code, _, err = cosim("run", path, "--set", "gain=1e308", "--set", "u=1e308")
     assert code == 1
@@ -336,7 +323,7 @@ def test_a_nan_comes_first_and_ends_with_1(tmp_path: Path, cosim: Call) -> None:
 
 
 def test_names_are_found_from_another_folder(
-    native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cosim: Call
+    native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cosim: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for arguments, text in (
@@ -352,7 +339,7 @@ def test_names_are_found_from_another_folder(
     assert (tmp_path / "mine" / "Trajectory.fmu").read_bytes() == (native / "Trajectory.fmu").read_bytes()
 
 
-def test_list_names_every_study(cosim: Call) -> None:
+def test_list_names_every_study(cosim: Command) -> None:
     _, out, _ = cosim("list")
     assert "ranking" in out.splitlines()[-1]
     assert "feng2015/learned" not in out

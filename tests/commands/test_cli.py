@@ -7,15 +7,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Command
 from fmu_files import write_probe
 
 from cosim import read_system, simulate
-from cosim.commands.cli import main
 
 SYSTEM = """
 description = "Two probes"
@@ -30,8 +29,6 @@ start = { y_start = 1.0, u = 0.5 }
 fmu = "Probe"
 """
 
-Run = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -43,26 +40,13 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def cosim(capsys: pytest.CaptureFixture[str]) -> Run:
-    def called(*arguments: str) -> tuple[int, str, str]:
-        try:
-            code = main(arguments)
-        except SystemExit as ended:
-            code = int(ended.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return called
-
-
 def table(path: Path) -> tuple[list[str], np.ndarray]:
     lines = path.read_text(encoding="utf-8").splitlines()
     rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
     return [name.strip('"') for name in lines[0].split(",")], np.array(rows)
 
 
-def test_run_shows_a_summary_and_writes_the_record(place: Path, cosim: Run) -> None:
+def test_run_shows_a_summary_and_writes_the_record(place: Path, cosim: Command) -> None:
     code, out, err = cosim("run", "two.toml", "--output", "out/a.csv")
     assert code == 0
     assert err == ""
@@ -74,7 +58,7 @@ def test_run_shows_a_summary_and_writes_the_record(place: Path, cosim: Run) -> N
     assert rows.tolist() == np.column_stack([result.time, result.rows]).tolist()
 
 
-def test_options_reach_the_run(place: Path, cosim: Run) -> None:
+def test_options_reach_the_run(place: Path, cosim: Command) -> None:
     code, _, _ = cosim(
         "run", "two.toml", "--set", "a.gain=2.0", "--set", "b.label=mine", "--stop-time", "2", "--step-size=0.05",
         "--order", "b,a", "--record", "a.y", "--record", "b.u", "--decimation", "4", "--output", "a.csv",
@@ -90,7 +74,7 @@ def test_options_reach_the_run(place: Path, cosim: Run) -> None:
     assert rows[:, 0].tolist() == [k * 0.05 for k in range(0, 41, 4)]
 
 
-def test_summary_as_json(place: Path, cosim: Run) -> None:
+def test_summary_as_json(place: Path, cosim: Command) -> None:
     code, out, err = cosim("run", "two.toml", "--json", "--order", "parallel")
     summary = json.loads(out)
     assert (code, err) == (0, "")
@@ -100,14 +84,14 @@ def test_summary_as_json(place: Path, cosim: Run) -> None:
     assert summary["system_digest"] == read_system("two.toml", order="parallel").digest
 
 
-def test_plot_is_drawn(place: Path, cosim: Run) -> None:
+def test_plot_is_drawn(place: Path, cosim: Command) -> None:
     code, out, _ = cosim("run", "two.toml", "--plot", "a.png")
     assert code == 0
     assert "Written: a.png" in out
     assert (place / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_report_is_written(place: Path, cosim: Run) -> None:
+def test_report_is_written(place: Path, cosim: Command) -> None:
     code, out, _ = cosim("run", "two.toml", "--report", "a.html", "--set", "a.gain=2.5")
     assert code == 0
     assert "Written: a.html" in out
@@ -116,7 +100,7 @@ def test_report_is_written(place: Path, cosim: Run) -> None:
     assert "<td>a.gain</td>" in page
 
 
-def test_report_of_a_run_that_failed_says_why(place: Path, cosim: Run) -> None:
+def test_report_of_a_run_that_failed_says_why(place: Path, cosim: Command) -> None:
     code, _, _ = cosim("run", "two.toml", "--report", "a.html", "--set", "a.fail_time=0.45")
     assert code == 1
     page = (place / "a.html").read_text(encoding="utf-8")
@@ -124,14 +108,14 @@ def test_report_of_a_run_that_failed_says_why(place: Path, cosim: Run) -> None:
     assert "told to fail at 0.5 s" in page
 
 
-def test_report_of_another_kind_is_refused_before_the_run(place: Path, cosim: Run) -> None:
+def test_report_of_another_kind_is_refused_before_the_run(place: Path, cosim: Command) -> None:
     code, _, err = cosim("run", "two.toml", "--report", "a.pdf", "--plot", "a.xyz")
     assert code == 2
     assert "a.pdf: the name of a report must end in .html" in err
     assert "a.xyz" in err
 
 
-def test_fmus_from_another_folder(place: Path, cosim: Run) -> None:
+def test_fmus_from_another_folder(place: Path, cosim: Command) -> None:
     (place / "build" / "fmus" / "native").rename(place / "others")
     code, _, err = cosim("run", "two.toml", "--fmus", "others")
     assert (code, err) == (0, "")
@@ -140,7 +124,7 @@ def test_fmus_from_another_folder(place: Path, cosim: Run) -> None:
     assert "no FMU 'Probe' in nowhere" in err
 
 
-def test_published_loop_ends_with_its_tracking_figures(native: Path, cosim: Run) -> None:
+def test_published_loop_ends_with_its_tracking_figures(native: Path, cosim: Command) -> None:
     code, out, err = cosim("run", "shams2010/fsmc_5sin", "--stop-time", "0.1", "--fmus", str(native))
     assert code == 0
     assert "plant [Warning] fmi2Terminate: largest_speed" in err
@@ -149,13 +133,13 @@ def test_published_loop_ends_with_its_tracking_figures(native: Path, cosim: Run)
         assert text in out
 
 
-def test_sampling_time_between_communication_points_is_refused(native: Path, cosim: Run) -> None:
+def test_sampling_time_between_communication_points_is_refused(native: Path, cosim: Command) -> None:
     code, _, err = cosim("check", "shams2010/fsmc_5sin", "--fmus", str(native), "--set", "controller.T_s=1.5e-4")
     assert code == 2
     assert "instances.controller: T_s = 0.00015 s against a communication step of 0.0001 s" in err
 
 
-def test_all_problems_are_listed_and_nothing_runs(place: Path, cosim: Run) -> None:
+def test_all_problems_are_listed_and_nothing_runs(place: Path, cosim: Command) -> None:
     code, out, err = cosim(
         "run", "two.toml", "--set", "a.gan=1", "--set", "c.gain=1", "--step-size", "0.3", "--output", "a.csv"
     )
@@ -191,14 +175,14 @@ def test_all_problems_are_listed_and_nothing_runs(place: Path, cosim: Run) -> No
         (["run", "two.toml", "--stoptime", "1"], "Did you mean '--stop-time'?"),
     ],
 )
-def test_what_is_wrong_with_the_arguments(place: Path, cosim: Run, arguments: list[str], text: str) -> None:
+def test_what_is_wrong_with_the_arguments(place: Path, cosim: Command, arguments: list[str], text: str) -> None:
     code, _, err = cosim(*arguments)
     assert code == 2
     assert text in err
     assert "Traceback" not in err
 
 
-def test_failure_keeps_what_was_computed(place: Path, cosim: Run) -> None:
+def test_failure_keeps_what_was_computed(place: Path, cosim: Command) -> None:
     code, out, err = cosim("run", "two.toml", "--set", "b.fail_time=0.5", "--output", "a.csv")
     assert (code, out) == (1, "")
     lines = err.splitlines()
@@ -207,13 +191,13 @@ def test_failure_keeps_what_was_computed(place: Path, cosim: Run) -> None:
     assert table(place / "a.csv")[1][:, 0].tolist() == [k * 0.1 for k in range(6)]
 
 
-def test_failure_without_output_says_how_to_keep(place: Path, cosim: Run) -> None:
+def test_failure_without_output_says_how_to_keep(place: Path, cosim: Command) -> None:
     code, _, err = cosim("run", "two.toml", "--set", "b.fail_time=0.5")
     assert code == 1
     assert "Computed up to 0.5 s (6 rows); name a file with --output to keep them." in err
 
 
-def test_warnings_of_fmus_are_shown(place: Path, cosim: Run) -> None:
+def test_warnings_of_fmus_are_shown(place: Path, cosim: Command) -> None:
     code, out, err = cosim("run", "two.toml", "--set", "b.fail_time=0.85", "--set", "b.fail_status=1")
     assert code == 0
     assert "0.9 s b [Warning] fmi2DoStep told to fail at 0.9 s" in err.splitlines()
@@ -251,7 +235,7 @@ def test_interrupt_exits_130_and_keeps_what_was_computed(place: Path) -> None:
     assert table(place / "a.csv")[1].shape[0] > 1
 
 
-def test_check_says_how_it_will_run(place: Path, cosim: Run) -> None:
+def test_check_says_how_it_will_run(place: Path, cosim: Command) -> None:
     code, out, _ = cosim("check", "two.toml", "--order", "b,a")
     assert code == 0
     assert "a.y -> b.u" in out
@@ -265,7 +249,7 @@ def test_check_says_how_it_will_run(place: Path, cosim: Run) -> None:
     assert "note: connection b.z -> a.u: one step of delay" in " ".join(out.split())
 
 
-def test_info_shows_variables(place: Path, cosim: Run) -> None:
+def test_info_shows_variables(place: Path, cosim: Command) -> None:
     code, out, _ = cosim("info", "Probe")
     assert code == 0
     lines = {line.split()[0]: line.split() for line in out.splitlines() if line.strip()}
@@ -274,14 +258,14 @@ def test_info_shows_variables(place: Path, cosim: Run) -> None:
     assert cosim("info", str(place / "build/fmus/native/Probe.fmu"))[0] == 0
 
 
-def test_info_shows_arrays_as_one_line(native: Path, cosim: Run) -> None:
+def test_info_shows_arrays_as_one_line(native: Path, cosim: Command) -> None:
     code, out, _ = cosim("info", "NctfPi", "--fmus", str(native))
     assert code == 0
     assert "nct.error[1..128]" in out
     assert "nct.error[2]" not in out
 
 
-def test_info_breaks_no_word_of_a_description(native: Path, cosim: Run) -> None:
+def test_info_breaks_no_word_of_a_description(native: Path, cosim: Command) -> None:
     code, out, _ = cosim("info", "BallscrewAxis", "--fmus", str(native))
     assert code == 0
     lines = out.splitlines()
@@ -290,7 +274,7 @@ def test_info_breaks_no_word_of_a_description(native: Path, cosim: Run) -> None:
     assert max(len(line) for line in lines if "BallscrewAxis.fmu" not in line) <= 80
 
 
-def test_figures_of_two_axes_stand_below_their_axis_and_are_not_broken(native: Path, cosim: Run) -> None:
+def test_figures_of_two_axes_stand_below_their_axis_and_are_not_broken(native: Path, cosim: Command) -> None:
     code, out, _ = cosim("run", "feng2015/circle", "--fmus", str(native), "--stop-time", "1.0")
     assert code == 0
     lines = [line.strip() for line in out.splitlines()]
@@ -301,7 +285,7 @@ def test_figures_of_two_axes_stand_below_their_axis_and_are_not_broken(native: P
     assert lines[heads[2] + 1].startswith("Contour error, maximum from 0.5 s ")
 
 
-def test_list_shows_fmus_and_systems(place: Path, cosim: Run) -> None:
+def test_list_shows_fmus_and_systems(place: Path, cosim: Command) -> None:
     code, out, _ = cosim("list")
     assert code == 0
     assert "Probe" in out

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Command
 from fmu_files import write_probe
 
-from cosim.commands.cli import main
-
-Call = Callable[..., tuple[int, str, str]]
 TIME = np.arange(1001) * 1e-3
 SYSTEM = """
 description = "A probe"
@@ -26,19 +23,9 @@ start = { y_start = 1.0, u = 0.5 }
 """
 
 
-@pytest.fixture
-def cosim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-
-    def called(*arguments: str) -> tuple[int, str, str]:
-        try:
-            code = main(arguments)
-        except SystemExit as ended:
-            code = int(ended.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return called
 
 
 @pytest.fixture
@@ -65,14 +52,14 @@ def system(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_two_records(logs: Path, cosim: Call) -> None:
+def test_two_records(logs: Path, cosim: Command) -> None:
     code, out, err = cosim("compare", "log.csv", "other.csv", "--signals", "x=pos")
     assert (code, err) == (0, "")
     for said in ("other.csv: pos is converted from m to mm", "both at the same 1001 times", "x / pos", "0.001", "mm"):
         assert said in out
 
 
-def test_exit_code_follows_the_tolerance(logs: Path, cosim: Call) -> None:
+def test_exit_code_follows_the_tolerance(logs: Path, cosim: Command) -> None:
     for tolerance, expected in (("x=2um", 0), ("0.5um", 1), ("0.1%", 0), ("1e-4", 1), ("x=0.01%", 1)):
         code, out, _ = cosim("compare", "log.csv", "other.csv", "--signals", "x=pos", "--tolerance", tolerance)
         assert code == expected, tolerance
@@ -82,14 +69,14 @@ def test_exit_code_follows_the_tolerance(logs: Path, cosim: Call) -> None:
     assert cosim("compare", "log.csv", "other.csv", "--signals", "x=pos", *both)[0] == 0
 
 
-def test_tolerances_of_one_signal_leave_the_others_free(logs: Path, cosim: Call) -> None:
+def test_tolerances_of_one_signal_leave_the_others_free(logs: Path, cosim: Command) -> None:
     write_log(logs / "wild.csv", "time,x", "s,mm", TIME, np.zeros_like(TIME))
     code, out, _ = cosim("compare", "log.csv", "wild.csv", "--signals", "x", "--tolerance", "x=1nm")
     assert code == 1
     assert "Within their tolerances: 0 of 1" in out
 
 
-def test_json_for_scripts(logs: Path, cosim: Call) -> None:
+def test_json_for_scripts(logs: Path, cosim: Command) -> None:
     code, out, _ = cosim("compare", "log.csv", "other.csv", "--signals", "x=pos", "--tolerance", "0.1um", "--json")
     found = json.loads(out)
     assert code == 1
@@ -102,7 +89,7 @@ def test_json_for_scripts(logs: Path, cosim: Call) -> None:
     assert found["plot"] is None
 
 
-def test_all_that_is_wrong_is_told_before_anything_runs(logs: Path, cosim: Call) -> None:
+def test_all_that_is_wrong_is_told_before_anything_runs(logs: Path, cosim: Command) -> None:
     wrong = (
         *("--tolerance", "x=2 parsecs", "--delay", "soon", "--from", "now", "--time-tolerance=-1"),
         *("--plot", "a.doc", "--report", "a.doc", "--set-b", "y", "--sampling-time", "0.1"),
@@ -116,7 +103,7 @@ def test_all_that_is_wrong_is_told_before_anything_runs(logs: Path, cosim: Call)
         assert said in err
 
 
-def test_names_that_do_not_fit_are_wrong_input(logs: Path, cosim: Call) -> None:
+def test_names_that_do_not_fit_are_wrong_input(logs: Path, cosim: Command) -> None:
     code, _, err = cosim("compare", "log.csv", "other.csv")
     assert code == 2
     assert "say which belong together, as NAME=OTHER" in err
@@ -125,7 +112,7 @@ def test_names_that_do_not_fit_are_wrong_input(logs: Path, cosim: Call) -> None:
     assert "Did you mean 'pos'?" in err
 
 
-def test_options_of_runs_are_refused_for_records(logs: Path, cosim: Call) -> None:
+def test_options_of_runs_are_refused_for_records(logs: Path, cosim: Command) -> None:
     code, _, err = cosim(
         "compare", "log.csv", "other.csv", "--signals", "x=pos", "--set-b", "a.u=1", "--stop-time", "1"
     )
@@ -134,14 +121,14 @@ def test_options_of_runs_are_refused_for_records(logs: Path, cosim: Call) -> Non
     assert "both sides are records" in err
 
 
-def test_units_that_a_record_does_not_say(logs: Path, cosim: Call) -> None:
+def test_units_that_a_record_does_not_say(logs: Path, cosim: Command) -> None:
     (logs / "bare.csv").write_text("time,x\n" + "".join(f"{t!r},{0.5 * t!r}\n" for t in range(9)))
     code, out, _ = cosim("compare", "bare.csv", "bare.csv", "--units", "x=mm", "--json")
     assert code == 0
     assert json.loads(out)["signals"][0]["unit"] == "mm"
 
 
-def test_delay_is_estimated_said_and_taken_out(logs: Path, cosim: Call) -> None:
+def test_delay_is_estimated_said_and_taken_out(logs: Path, cosim: Command) -> None:
     late = np.sin(2.0 * np.pi * (TIME - 0.0123)) + 0.2 * np.sin(11.0 * (TIME - 0.0123))
     on_time = np.sin(2.0 * np.pi * TIME) + 0.2 * np.sin(11.0 * TIME)
     write_log(logs / "a.csv", "t,x", "s,m", TIME, on_time)
@@ -153,13 +140,13 @@ def test_delay_is_estimated_said_and_taken_out(logs: Path, cosim: Call) -> None:
     assert "b.csv is moved back by 0.0123" in out
 
 
-def test_a_window_that_ends_before_it_begins(logs: Path, cosim: Call) -> None:
+def test_a_window_that_ends_before_it_begins(logs: Path, cosim: Command) -> None:
     code, _, err = cosim("compare", "log.csv", "other.csv", "--signals", "x=pos", "--from", "0.5", "--to", "0.4")
     assert code == 2
     assert "--from 0.5 is after --to 0.4" in err
 
 
-def test_pictures_and_pages(logs: Path, cosim: Call) -> None:
+def test_pictures_and_pages(logs: Path, cosim: Command) -> None:
     code, out, _ = cosim(
         "compare", "log.csv", "other.csv", "--signals", "x=pos", "--plot", "a.png", "--report", "a.html"
     )
@@ -172,7 +159,7 @@ def test_pictures_and_pages(logs: Path, cosim: Call) -> None:
     assert "fit (NRMSE)" in page
 
 
-def test_two_runs_of_one_system(system: Path, cosim: Call) -> None:
+def test_two_runs_of_one_system(system: Path, cosim: Command) -> None:
     code, out, _ = cosim("compare", "one.toml", "one.toml", "--json")
     assert code == 0
     assert {signal["max"] for signal in json.loads(out)["signals"]} == {0.0}
@@ -183,7 +170,7 @@ def test_two_runs_of_one_system(system: Path, cosim: Call) -> None:
     assert max(signal["max"] for signal in found["signals"]) > 0.1
 
 
-def test_a_run_with_its_own_record_read_back(system: Path, cosim: Call) -> None:
+def test_a_run_with_its_own_record_read_back(system: Path, cosim: Command) -> None:
     assert cosim("run", "one.toml", "--output", "a.csv")[0] == 0
     code, out, _ = cosim("compare", "a.csv", "one.toml", "--tolerance", "0", "--json")
     found = json.loads(out)
@@ -192,13 +179,13 @@ def test_a_run_with_its_own_record_read_back(system: Path, cosim: Call) -> None:
     assert all(signal["max"] == 0.0 for signal in found["signals"])
 
 
-def test_a_run_that_fails_is_no_agreement(system: Path, cosim: Call) -> None:
+def test_a_run_that_fails_is_no_agreement(system: Path, cosim: Command) -> None:
     code, _, err = cosim("compare", "one.toml", "one.toml", "--set-b", "a.fail_time=0.4")
     assert code == 1
     assert "fmi2DoStep" in err
 
 
-def test_overlay_of_a_run(system: Path, cosim: Call) -> None:
+def test_overlay_of_a_run(system: Path, cosim: Command) -> None:
     cosim("run", "one.toml", "--output", "a.csv")
     code, out, _ = cosim("run", "one.toml", "--overlay", "a.csv", "--report", "a.html", "--plot", "a.png")
     assert code == 0
@@ -211,7 +198,7 @@ def test_overlay_of_a_run(system: Path, cosim: Call) -> None:
     assert (signal["name"], signal["max"]) == ("a.y", 0.0)
 
 
-def test_overlay_is_checked_before_the_run(system: Path, logs: Path, cosim: Call) -> None:
+def test_overlay_is_checked_before_the_run(system: Path, logs: Path, cosim: Command) -> None:
     code, out, err = cosim("run", "one.toml", "--overlay", "log.csv", "--signals", "a.yy=x", "a.y=xx")
     assert (code, out) == (2, "")
     assert "one.toml: has no 'a.yy'" in err

@@ -15,10 +15,13 @@ from rich.markup import escape
 from ..errors import DescriptionError
 from .console import (
     Bar,
+    check_page,
+    check_plot,
     fmus_argument,
     make_table,
     print_json,
     print_note,
+    problems_of,
     set_argument,
     standard_output,
     write_files,
@@ -180,23 +183,8 @@ def _check(options: argparse.Namespace, problems: list[str]) -> tuple[dict[str, 
             tolerances.append(_tolerance(item))
         except DescriptionError as error:
             problems += error.problems
-    if options.plot is not None:
-        from ..result.plots import check_picture
-
-        problems += _problems(lambda: check_picture(options.plot))
-    if options.report is not None:
-        from ..result.report import check_report
-
-        problems += _problems(lambda: check_report(options.report))
+    problems += problems_of(lambda: check_plot(options.plot), lambda: check_page(options.report))
     return numbers, tolerances
-
-
-def _problems(check: Any) -> list[str]:
-    try:
-        check()
-    except DescriptionError as error:
-        return list(error.problems)
-    return []
 
 
 _VALUE = re.compile(r"(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(?P<unit>\S*)")
@@ -275,8 +263,8 @@ def _opened(
     sides: list[System | Result | Record] = []
     both: dict[str, object] = {}
     only_b: dict[str, object] = {}
-    problems += _problems(lambda: both.update(given_values(options.values)))
-    wrong = _problems(lambda: only_b.update(given_values(options.set_b)))
+    problems += problems_of(lambda: both.update(given_values(options.values)))
+    wrong = problems_of(lambda: only_b.update(given_values(options.set_b)))
     problems += [text.replace("--set ", "--set-b ", 1) for text in wrong]
     for text, values in ((options.a, both), (options.b, {**both, **only_b})):
         try:

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -213,17 +214,30 @@ def check_plot(path: Path | None) -> None:
         check_picture(path)
 
 
+def check_page(path: Path | None) -> None:
+    """Raise DescriptionError, before anything runs, if the page of ``--report`` cannot be made or written."""
+    if path is not None:
+        from ..result.report import check_report
+
+        check_report(path)
+
+
+def problems_of(*checks: Callable[[], object]) -> list[str]:
+    """The problems of all DescriptionErrors that these functions raise."""
+    problems: list[str] = []
+    for check in checks:
+        try:
+            check()
+        except DescriptionError as error:
+            problems += error.problems
+    return problems
+
+
 def check_files(*paths: Path | None) -> None:
     """Raise DescriptionError, before anything runs, for all files that cannot be written. None is no file."""
     from ..files import check_writable
 
-    problems: list[str] = []
-    for path in paths:
-        if path is not None:
-            try:
-                check_writable(path)
-            except DescriptionError as error:
-                problems += error.problems
+    problems = problems_of(*(partial(check_writable, path) for path in paths if path is not None))
     if problems:
         raise DescriptionError(problems)
 

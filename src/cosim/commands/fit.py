@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import Bar, check_files, common_arguments, print_note, show, write_files
+from .console import Bar, check_files, check_page, common_arguments, print_note, show, write_files
 from .parser import count
 from .systems import base_argument
 
@@ -40,10 +40,8 @@ def add(commands: Any) -> None:
 def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
     from ..fmu.places import base_name, shipped_file
-    from ..result.report import check_report
 
-    if options.report is not None:
-        check_report(options.report)
+    check_page(options.report)
     start = None if options.output is None else options.output / "start.toml"
     check_files(start)
     problem = fit.read_fit(options.file, fmus=options.fmus)

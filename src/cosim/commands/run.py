@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from math import isfinite
 from pathlib import Path
@@ -16,7 +16,18 @@ from rich.markup import escape
 
 from ..errors import CosimError, DescriptionError
 from .compare import comparison_content, show_comparison
-from .console import Bar, make_table, print_error, print_json, print_note, standard_output, write_files
+from .console import (
+    Bar,
+    check_page,
+    check_plot,
+    make_table,
+    print_error,
+    print_json,
+    print_note,
+    problems_of,
+    standard_output,
+    write_files,
+)
 from .overlay import Overlay, opened, overlay_arguments
 from .parser import EXIT_CODES
 from .systems import given_system, system_arguments
@@ -136,24 +147,11 @@ def _show_notes(notes: Sequence[str], options: argparse.Namespace) -> None:
 def _check(options: argparse.Namespace) -> None:
     """Check all options before anything runs. Raises DescriptionError with all problems."""
     problems: list[str] = []
-    checks: list[tuple[Path, Callable[[Path], None]]] = []
     if options.output is not None:
         from ..record.write import check_output
 
-        checks.append((options.output, check_output))
-    if options.plot is not None:
-        from ..result.plots import check_picture
-
-        checks.append((options.plot, check_picture))
-    if options.report is not None:
-        from ..result.report import check_report
-
-        checks.append((options.report, check_report))
-    for path, check in checks:
-        try:
-            check(path)
-        except DescriptionError as error:
-            problems += error.problems
+        problems += problems_of(lambda: check_output(options.output))
+    problems += problems_of(lambda: check_plot(options.plot), lambda: check_page(options.report))
     try:
         limit = None if options.timeout is None else float(options.timeout)
     except ValueError:

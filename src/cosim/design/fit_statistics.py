@@ -204,14 +204,14 @@ class Peak:
     """Share of the signal's power that lies near this frequency."""
 
 
-def peaks(time: Array, signal: Array, count: int = 3) -> tuple[Peak, ...]:
-    """The frequencies around which most of the power of a signal lies, the largest first."""
+def peaks(time: Array, signal: Array) -> tuple[Peak, ...]:
+    """The three frequencies around which most of the power of a signal lies, the largest first."""
     found_spectrum = spectrum(time, signal)
     frequency, power = found_spectrum.frequency, found_spectrum.density**2
     total = float(np.sum(power))
     found: list[Peak] = []
     left = power.copy()
-    for _ in range(count):
+    for _ in range(3):
         top = int(np.argmax(left))
         low, high = max(top - 2, 0), top + 3
         share = float(np.sum(left[low:high])) / total if total > 0.0 else 0.0

@@ -81,26 +81,24 @@ class Limit:
         return math.sqrt(self.stable * self.unstable)
 
 
-def search_limit(
-    oscillates: Callable[[float], bool], first: float, last: float, *, scan: float = SCAN, precision: float = PRECISION
-) -> Limit:
-    """Scan gains from ``first`` upwards by the ratio ``scan`` until one oscillates, then bisect down to ``precision``.
+def search_limit(oscillates: Callable[[float], bool], first: float, last: float) -> Limit:
+    """Scan gains from ``first`` upwards by the ratio ``SCAN`` until one oscillates, then bisect to ``PRECISION``.
 
     Stability need not be monotone at low gain, so the limit is sought only between the last stable and the first
     unstable gain of the upward scan. Raises DescriptionError for ends that are not finite and above 0.
     """
-    if not (0.0 < first < first * scan and first <= last < math.inf):
+    if not (0.0 < first < first * SCAN and first <= last < math.inf):
         raise DescriptionError(f"gains from {first:g} to {last:g}: must be finite, above 0, and not fall.")
     runs, stable, gain = 0, math.nan, first
     while gain <= last * (1.0 + 1e-9):
         runs += 1
         if oscillates(gain):
             break
-        stable, gain = gain, gain * scan
+        stable, gain = gain, gain * SCAN
     else:
         return Limit(stable, math.nan, runs)
     unstable = gain
-    while math.isfinite(stable) and unstable / stable > precision:
+    while math.isfinite(stable) and unstable / stable > PRECISION:
         middle = math.sqrt(stable * unstable)
         runs += 1
         if oscillates(middle):

@@ -138,9 +138,9 @@ class Workspace:
         """Whether the FMU ``target`` is up to date."""
         return self._known(target, key=self.key(name, platforms, flavour))
 
-    def has_these_sources(self, name: str, target: Path, flavour: Flavour = "native") -> bool:
-        """Whether ``target`` was built from the present source files, with any tools and for any platforms."""
-        return self._known(target, sources=self.sources(name, flavour))
+    def has_these_sources(self, name: str, target: Path) -> bool:
+        """Whether the native FMU ``target`` was built from the present sources, by any tools, for any platforms."""
+        return self._known(target, sources=self.sources(name, "native"))
 
     def remember(
         self,

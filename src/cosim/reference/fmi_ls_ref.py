@@ -365,6 +365,6 @@ def _parse(path: Path, tag: str) -> Any:
     return root
 
 
-def _short(problems: list[str], most: int = 10) -> list[str]:
-    more = len(problems) - most
-    return [*problems[:most], f"and {more} more problems like these."] if more > 0 else problems
+def _short(problems: list[str]) -> list[str]:
+    more = len(problems) - 10
+    return [*problems[:10], f"and {more} more problems like these."] if more > 0 else problems

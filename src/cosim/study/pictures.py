@@ -32,9 +32,7 @@ class Signals:
     """Divisor of the values."""
 
 
-def over_time(
-    title: str, panels: Sequence[Signals], *, columns: int = 1, x_quantity: str = "Time", limit: float | None = None
-) -> Picture:
+def over_time(title: str, panels: Sequence[Signals], *, columns: int = 1, x_quantity: str = "Time") -> Picture:
     """A picture of signals over time, one panel each, row by row."""
 
     def draw(outcomes: Outcomes, path: Path) -> None:
@@ -54,18 +52,18 @@ def over_time(
                         panel.colours[i] if panel.colours else i,
                     )
                 )
-            drawn.append(plots.Panel(panel.quantity, panel.unit, tuple(series), limit=limit))
+            drawn.append(plots.Panel(panel.quantity, panel.unit, tuple(series)))
         plots.plot_panels(path, drawn, columns=columns, x_quantity=x_quantity)
 
     return Picture(title, draw)
 
 
-def errors_of(title: str, runs: Mapping[str, str], window: tuple[float, float] = (-math.inf, math.inf)) -> Picture:
+def errors_of(title: str, runs: Mapping[str, str]) -> Picture:
     """The position errors of several runs, label -> run, one panel each over the same time axis."""
     return over_time(
         title,
         [
-            Signals("Error", "m", {label: f"{run}: {ERROR}"}, window, colours=(i,))
+            Signals("Error", "m", {label: f"{run}: {ERROR}"}, colours=(i,))
             for i, (label, run) in enumerate(runs.items())
         ],
     )
