@@ -161,6 +161,14 @@ def test_the_folder_of_a_living_process_stays(tmp_path: Path, monkeypatch: pytes
     assert not list(tmp_path.iterdir())
 
 
+def test_a_full_disk_under_a_temporary_folder_is_named() -> None:
+    told = r"cosim-.*: no space is left on the disk\. The variable TMPDIR names another"
+    with pytest.raises(FileError, match=told), temporary_folder():
+        raise OSError(errno.ENOSPC, "No space left on device")
+    with pytest.raises(IsADirectoryError), temporary_folder() as folder:
+        folder.write_text("")
+
+
 def test_an_unusable_folder_for_temporary_files_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(**_: object) -> str:
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -21,6 +21,9 @@ from .errors import DescriptionError, FileError
 PART = ".part"
 """Ending of the name of an unfinished file."""
 
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Numbers of the errors that say that the disk is full."""
+
 _REASONS = {
     errno.ENOSPC: "no space is left on the disk",
     errno.EDQUOT: "the disk quota is used up",
@@ -175,7 +178,9 @@ _PREFIX = "cosim-"
 
 @contextlib.contextmanager
 def temporary_folder() -> Generator[Path]:
-    """A temporary folder that is removed at the end of the ``with`` block. Raises FileError.
+    """A temporary folder that is removed at the end of the ``with`` block.
+
+    Raises FileError if it cannot be made, or if the disk is full when the block writes into it.
 
     The name of the folder identifies this process. If the process is killed, a later process removes the folder.
     """
@@ -187,6 +192,10 @@ def temporary_folder() -> Generator[Path]:
         raise FileError(f"{place}: cannot make a temporary folder there: {reason(error)}. Set TMPDIR.") from None
     try:
         yield folder
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise FileError(f"{folder}: {reason(error)}. The variable TMPDIR names another place.") from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -233,6 +233,16 @@ def test_samples_that_the_step_does_not_meet(native: Path, cosim: Call, step: st
     assert any("samples a step" in note for note in found) == (samples is not None)
 
 
+@pytest.mark.parametrize(("stated", "times"), [("1e-3", 500), ("5e-3", 100), ("1e-2", None), ("0", None)])
+def test_a_step_far_beyond_that_of_the_file_is_told(
+    tmp_path: Path, cosim: Call, stated: str, times: int | None
+) -> None:
+    path = write_gain(tmp_path, "Gain", "m", "m", experiment=f'stopTime="1" stepSize="{stated}"')
+    found = [note for note in notes(cosim, path, "--step-size", "0.5") if "that of its file" in note]
+    assert len(found) == (times is not None)
+    assert all(f"its step of 0.5 s is {times} times that of its file, {float(stated):g} s." in note for note in found)
+
+
 @pytest.mark.parametrize(("sampling", "samples"), [("1", 2), ("20", 1), ("0.05", None), ("1e-3", None)])
 def test_a_controller_that_hardly_samples_is_told(
     native: Path, cosim: Call, sampling: str, samples: int | None

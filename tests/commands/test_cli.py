@@ -290,6 +290,17 @@ def test_info_breaks_no_word_of_a_description(native: Path, cosim: Run) -> None:
     assert max(len(line) for line in lines if "BallscrewAxis.fmu" not in line) <= 80
 
 
+def test_figures_of_two_axes_stand_below_their_axis_and_are_not_broken(native: Path, cosim: Run) -> None:
+    code, out, _ = cosim("run", "feng2015/circle", "--fmus", str(native), "--stop-time", "1.0")
+    assert code == 0
+    lines = [line.strip() for line in out.splitlines()]
+    heads = [lines.index(name) for name in ("controller_x", "controller_y", "path of both axes")]
+    assert heads == sorted(heads)
+    for start in heads[:2]:
+        assert lines[start + 1].startswith("Position error, maximum from 0.5 s ")
+    assert lines[heads[2] + 1].startswith("Contour error, maximum from 0.5 s ")
+
+
 def test_list_shows_fmus_and_systems(place: Path, cosim: Run) -> None:
     code, out, _ = cosim("list")
     assert code == 0
@@ -305,3 +316,19 @@ def test_every_option_is_explained() -> None:
     run = subprocess.run([sys.executable, "-m", "cosim", "run", "--help"], capture_output=True, text=True, check=True)
     for text in ("such as plant.m=70", "such as 2.5", "such as 1e-4", "examples:\n  cosim run"):
         assert text in run.stdout
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
+def test_ctrl_c_while_modules_are_imported_shows_no_traceback() -> None:
+    code = (
+        "import os, signal, sys, types\n"
+        "class Importing(types.ModuleType):\n"
+        "    def __getattr__(self, name):\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.modules['cosim.commands.cli'] = Importing('cosim.commands.cli')\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from cosim.__main__ import main\n"
+        "main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")

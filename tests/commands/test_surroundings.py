@@ -53,6 +53,21 @@ def test_characters_that_the_encoding_lacks_are_shown_by_number(place: Path, com
     assert "gr\\xf6\\xdfer.toml: no such file." in done.stderr
 
 
+@pytest.mark.parametrize("columns", ["0", "1", "20", "many"])
+def test_help_fits_every_width(place: Path, columns: str) -> None:
+    done = cosim(place, "run", "--help", COLUMNS=columns)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the shell of Windows does not close streams")
+@pytest.mark.parametrize("arguments", [["run", "größe.toml", "--json"], ["check", "größe.toml"]])
+def test_a_closed_standard_output_loses_only_what_is_shown(place: Path, arguments: list[str]) -> None:
+    code = "import os, sys; os.close(1); os.execv(sys.executable, [sys.executable, '-m', 'cosim', *sys.argv[1:]])"
+    done = subprocess.run([sys.executable, "-c", code, *arguments], cwd=place, stderr=-1, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows does not let a working folder be deleted")
 @pytest.mark.parametrize("arguments", [["list"], ["run", "{place}/größe.toml"], ["info", "Probe"]])
 def test_a_deleted_working_folder_is_named(place: Path, arguments: list[str]) -> None:

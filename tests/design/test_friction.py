@@ -127,6 +127,44 @@ def test_a_force_with_the_wrong_sign_gives_no_inertia() -> None:
     assert "must push towards positive position" in inertia.why
 
 
+def record(folder: Path, head: str, position: float = 1.0, force: float = 1.0) -> Path:
+    """A mass of 2 kg with a sine of 20 N against friction of 3 N and 4 N.s/m, in multiples of m and N."""
+
+    def rates(t: float, x: list[float]) -> list[float]:
+        return [x[1], (20.0 * math.sin(2.0 * math.pi * t) - 3.0 * math.tanh(x[1] / 1e-4) - 4.0 * x[1]) / 2.0]
+
+    t = np.arange(2000) * 1e-3
+    x = solve_ivp(rates, (0.0, 2.0), [0.0, 0.0], t_eval=t, method="Radau", rtol=1e-6, atol=1e-9).y[0]
+    u = 20.0 * np.sin(2.0 * math.pi * t)
+    rows = (f"{a!r},{b * position!r},{c * force!r}" for a, b, c in zip(t.tolist(), x.tolist(), u.tolist(), strict=True))
+    path = folder / "log.csv"
+    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_columns_count_in_their_units(tmp_path: Path) -> None:
+    path = record(tmp_path, "t,x [mm],u [kN]", 1e3, 1e-3)
+    look = identify_friction(path, position="x", force="u")
+    assert (look.unit, look.length, look.notes) == ("kN", "m", ())
+    assert look.value("Coulomb friction").value == pytest.approx(3e-3, rel=0.01)
+    assert look.value("inertia").value == pytest.approx(2e-3, rel=0.01)
+    # 1000 may take kN to N, or be a gain: the unit after it must be said
+    with pytest.raises(DescriptionError, match=r"u is in kN: say the unit after the factor, --unit N or"):
+        identify_friction(path, position="x", force="u", factor=1e3)
+    named = identify_friction(path, position="x", force="u", factor=1e3, force_unit="N")
+    assert named.value("inertia").value == pytest.approx(2.0, rel=0.01)
+
+
+def test_units_that_nothing_says_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["identify", "friction", str(record(tmp_path, "t,x,u")), "--position", "x", "--force", "u"]
+    assert main(arguments) == 0
+    said = capsys.readouterr().err
+    assert "note: nothing says the unit of x: taken as m." in said
+    assert "note: nothing says the unit of u: taken as N." in said
+    assert main([*arguments, "--unit", "N"]) == 0
+    assert "unit of u" not in capsys.readouterr().err
+
+
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["identify", "friction", str(EXAMPLES / "stage.csv"), "--force", "command", "--unit", "N"]
     arguments += ["--factor", repr(FACTOR)]

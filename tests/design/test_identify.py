@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 
@@ -200,6 +201,29 @@ def test_curve_and_picture(reference: Nct, tmp_path: Path) -> None:
     assert rate == pytest.approx(reference.rate, rel=1e-9)
     plot_nct(reference, tmp_path / "nct.png")
     assert (tmp_path / "nct.png").stat().st_size > 5000
+
+
+# Units
+
+
+@pytest.mark.parametrize(
+    ("head", "scale"), [("t,u,x,v", 1.0), ("t [ms],u,x [mm],v [mm/s]", 1e3), ("t,u,x [rad],v [rad/s]", 1.0)]
+)
+def test_columns_count_in_their_units(tmp_path: Path, head: str, scale: float) -> None:
+    t, u, x, v = coasting(2e-4).T
+    wanted = nct_from_signals(t, u, x, v, e_lin=1e-6)
+    columns = (t * 1e3 if "ms" in head else t, u, x * scale, v * scale)
+    rows = "\n".join(",".join(repr(float(value)) for value in row) for row in zip(*columns, strict=True))
+    (tmp_path / "pulse.csv").write_text(f"{head}\n{rows}\n", encoding="utf-8")
+    found = identify_nct(tmp_path / "pulse.csv", e_lin=1e-6)
+    assert (found.K, found.alpha, found.rest) == pytest.approx((wanted.K, wanted.alpha, wanted.rest), rel=1e-9)
+
+
+@pytest.mark.parametrize(("head", "text"), [("t,u,x [N],v", "x is in N. Give"), ("t,u,x,v [m]", "v is in m. Give")])
+def test_columns_of_another_kind_are_refused(tmp_path: Path, head: str, text: str) -> None:
+    (tmp_path / "pulse.csv").write_text(f"{head}\n0,0,0,0\n1,1,1,1\n", encoding="utf-8")
+    with pytest.raises(DescriptionError, match=f"column {re.escape(text)}"):
+        identify_nct(tmp_path / "pulse.csv", e_lin=1e-6)
 
 
 # What does not serve

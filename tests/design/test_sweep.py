@@ -145,9 +145,23 @@ def test_the_report_shows_heat_maps(make: Callable[..., Sweep], tmp_path: Path) 
     sweep(make({"controller.K_P": GAINS, "plant.m": masses}, metrics=figures), tmp_path / "data", workers=0)
     text = report(tmp_path / "data").read_text(encoding="utf-8")
     assert "12 runs are recorded, 0 of them failed" in text
+    rows = rows_of(tmp_path / "data")
     for name in figures:
+        values = rows[name]
+        spread = f"| {name} | {min(values):.6g} | {float(np.median(values)):.6g} | {max(values):.6g} |"
+        assert f"{spread} {values.index(max(values))} |" in text
         assert f"]({name}.png)" in text
         assert (tmp_path / "data" / f"{name}.png").stat().st_size > 5000
+
+
+def test_a_figure_that_would_be_lost_under_another_column_is_refused(make: Callable[..., Sweep]) -> None:
+    metrics = {name: {"of": "rms", "signal": "plant.position"} for name in ("error", "seconds", "rms")}
+    with pytest.raises(DescriptionError) as caught:
+        make({"controller.K_P": GAINS}, metrics=metrics)
+    assert [problem.partition("metrics.")[2].partition(":")[0] for problem in caught.value.problems] == [
+        *("error", "seconds")
+    ]
+    assert "Take another, such as error_rms." in str(caught.value)
 
 
 # Interruption

@@ -59,6 +59,16 @@ def test_the_best_of_a_scan_is_found(make: Callable[..., Tuning], native: Path) 
     assert tuned.parameters["controller.K_P"] == pytest.approx(best, rel=0.1)
 
 
+def test_a_value_at_the_end_of_its_range_is_told(make: Callable[..., Tuning]) -> None:
+    """The best gain is above 20; within 10 to 800 it is inside."""
+    narrow = tune(make(parameters={"controller.K_P": {"from": 10.0, "to": 20.0}}))
+    assert len(narrow.notes) == 1
+    assert 19.7 < narrow.parameters["controller.K_P"] <= 20.0
+    assert narrow.notes[0].startswith("controller.K_P = ")
+    assert "is at the end of its range, 10 to 20" in narrow.notes[0]
+    assert tune(make()).notes == ()
+
+
 def test_limits_are_kept_where_they_bind(make: Callable[..., Tuning]) -> None:
     free = tune(make())
     least = free.best.figures["command_max"]

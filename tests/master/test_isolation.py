@@ -319,13 +319,13 @@ Cosim = Callable[..., "subprocess.CompletedProcess[str]"]
 
 @pytest.fixture
 def run(fmus: Path, tmp_path: Path) -> Cosim:
-    def made(how: str, *options: str) -> subprocess.CompletedProcess[str]:
+    def made(how: str, *options: str, command: str = "run") -> subprocess.CompletedProcess[str]:
         system = hostile(fmus, how)
         from cosim.system.toml_write import write_system
 
         write_system(system, tmp_path / "system.toml")
-        command = [sys.executable, "-m", "cosim", "run", "system.toml", *options]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
+        arguments = [sys.executable, "-m", "cosim", command, "system.toml", *options]
+        return subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
 
     return made
 
@@ -345,6 +345,19 @@ def test_the_command_keeps_the_rows(run: Cosim, tmp_path: Path, how: str, text: 
     assert "Computed up to 0.5 s (51 rows), kept in a.csv." in done.stderr
     assert "Traceback" not in done.stderr
     assert len((tmp_path / "a.csv").read_text().splitlines()) == 52
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "text"),
+    [
+        ("check", 2, "ended the process during initialization (SIGSEGV)."),
+        ("linearize", 1, "error: the process of the FMUs crashed: SIGSEGV"),
+    ],
+)
+def test_commands_without_a_run_outlive_a_crash(run: Cosim, command: str, code: int, text: str) -> None:
+    done = run("segv in initialization", *(["--instance", "bad"] if command == "linearize" else []), command=command)
+    assert (done.returncode, "Traceback" in done.stderr) == (code, False)
+    assert text in done.stderr
 
 
 @pytest.mark.parametrize("how", ["print", "storm", "escape", "close", "chdir"])

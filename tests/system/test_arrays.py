@@ -79,6 +79,12 @@ def test_lists_that_do_not_fit_are_refused(
     assert text in caught.value.problems[0]
 
 
+def test_an_element_before_its_whole_array_is_noted(tmp_path: Path) -> None:
+    (note,) = system(tmp_path, ["p[1]", "p[2]"], {"p[2]": 9, "p": [1, 2]}).notes
+    assert note.endswith("start.p: p[2] is given before the whole array, too: the array counts.")
+    assert system(tmp_path, ["p[1]", "p[2]"], {"p": [1, 2], "p[2]": 9}).notes == ()
+
+
 def test_an_override_of_the_whole_replaces_elements_given_before(tmp_path: Path) -> None:
     base = system(tmp_path, ["p[1]", "p[2]"], {"p": [1, 2], "p[2]": 9})
     assert base.instances[0].start == {"p[1]": 1.0, "p[2]": 9.0}

@@ -284,6 +284,29 @@ def test_a_record_whose_times_are_no_seconds_is_noted(folder: Path) -> None:
     assert not any("sees almost none" in note for note in made(folder, {"time_unit": "ms"}, experiment=run).notes)
 
 
+@pytest.mark.parametrize(
+    ("column", "text"),
+    [
+        (
+            {"factor": 1.02, "unit": "m"},
+            "factor = 1.02 is all that is done from mm to m; the units alone convert by fac",
+        ),
+        ({"factor": 1e-3, "unit": "m"}, ""),
+        ({"factor": -0.001, "unit": "m"}, ""),
+        ({"factor": 1.02, "unit": "mm"}, ""),
+        ({"factor": 1.02, "unit": "V"}, ""),
+        ({"unit": "m"}, ""),
+    ],
+)
+def test_a_factor_on_a_column_that_its_units_do_not_explain_is_noted(
+    folder: Path, column: dict[str, Any], text: str
+) -> None:
+    columns = {"force": {"column": "force", "factor": 2.0, "unit": "V"}, "x": {"column": "x", **column}}
+    found = [note for note in made(folder, {"columns": columns}).notes if "all that is done" in note]
+    assert len(found) == bool(text)
+    assert all(text in note and note.endswith("write factor = 0.00102.") for note in found)
+
+
 def test_the_advised_start_is_exact(folder: Path) -> None:
     lines = [f"{1700000123.4 + i / 8!r},{i},{i}" for i in range(9)]
     (folder / "log.csv").write_text("\n".join(["time,force,x", *lines]) + "\n", encoding="utf-8")

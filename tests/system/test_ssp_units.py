@@ -97,6 +97,14 @@ def test_values_reach_the_unit_of_their_variable(
     assert system.instance("a").start == {"u": value}
 
 
+def test_a_value_given_twice_is_noted(tmp_path: Path) -> None:
+    more = '<ssv:Parameter name="u"><ssv:Real value="7"/></ssv:Parameter></ssv:Parameters>'
+    text = SET.format(name="u", unit="", units="").replace("</ssv:Parameters>", more)
+    system = package(tmp_path, component=binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>"))
+    assert system.instance("a").start == {"u": 7.0}
+    assert "parameter values of 'a': 'u' has more than one value; the last counts." in system.notes
+
+
 def test_offsets_count_for_values_too(tmp_path: Path) -> None:
     text = SET.format(name="u", unit='unit="degC"', units="")
     bound = binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>")

@@ -99,6 +99,9 @@ def _friction(options: argparse.Namespace) -> int:
         sampling_time=options.sampling_time,
         **({} if options.window is None else {"span": tuple(options.window)}),
     )
+    if not options.json:
+        for note in look.notes:
+            print_note(f"note: {note}")
     rows: list[tuple[str, ...]] = [("First values", "Value", "+-", "Unit", "From")]
     for v in look.values:
         figures = (f"{v.value:.5g}", f"{v.deviation:.2g}") if v.excited else ("not excited", "")

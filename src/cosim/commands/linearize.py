@@ -14,6 +14,7 @@ from .systems import given_values
 
 if TYPE_CHECKING:
     from ..design.linearize import Margins, StateSpace
+    from ..design.workers import Loadable
 
 LIMIT = 1e-8
 """A largest eigenvalue nearer to 1 than this is at the limit of stability: the controller's model is no more exact."""
@@ -40,7 +41,9 @@ def add(commands: Any) -> None:
     linearize.add_argument("--inputs", nargs="+", metavar="VAR", help="inputs of the state space (default: all)")
     linearize.add_argument("--outputs", nargs="+", metavar="VAR", help="outputs of the state space (default: all)")
     set_argument(linearize, several=True)
-    linearize.add_argument("--margins", action="store_true", help="margins of the loop with --controller")
+    linearize.add_argument(
+        "--margins", action="store_true", help="margins of the loop with --controller, opened at its command"
+    )
     linearize.add_argument(
         "--controller", default="controller", metavar="NAME", help="instance that closes the loop (default: controller)"
     )
@@ -50,6 +53,7 @@ def add(commands: Any) -> None:
 
 def _linearize(options: argparse.Namespace) -> int:
     from ..design import linearize
+    from ..design.workers import Limit, Loadable, Worker
     from ..fmu.places import find_system, has_ending
 
     try:
@@ -63,30 +67,45 @@ def _linearize(options: argparse.Namespace) -> int:
     if alone:
         if at != 0.0:
             raise DescriptionError("an FMU alone is linearized where it starts. Give a system for another time.")
-        source: Any = file
+        if options.margins:
+            raise DescriptionError("margins need a system with the loop.")
         start = {name.removeprefix(f"{file.stem}.").removeprefix("fmu."): value for name, value in values.items()}
-        model = linearize.linearize(source, inputs=options.inputs, outputs=options.outputs, start=start)
+        system, instance = linearize.alone(file, start), "fmu"
     else:
         from ..system.system import read_system
 
-        source = read_system(file, values, fmus=options.fmus)
-        model = linearize.linearize(
-            source, instance=options.instance, at=at, inputs=options.inputs, outputs=options.outputs
-        )
+        system, instance = read_system(file, values, fmus=options.fmus), options.instance
+    # In a process of its own, an FMU that crashes does not end this command.
+    with Worker() as worker:
+        source = Loadable.of(system)
+        model = worker.call(_model, source, instance, at, options.inputs, options.outputs, limit=Limit())
+        margins = options.margins and worker.call(_margins, source, at, options.controller, instance, limit=Limit())
     notes = [f"{name} changes nothing here: it is saturated or switched off." for name in model.idle_inputs]
     notes += [f"{name} has no derivative here: it is rounded or switched off." for name in model.idle_outputs]
     for note in notes:
         print_note(f"note: {note}")
     found: Margins | None = None
-    if options.margins:
-        if alone:
-            raise DescriptionError("margins need a system with the loop.")
-        loop, found = linearize.loop_margins(source, at=at, controller=options.controller, plant=options.instance)
-        drawn, title = loop, "Loop transfer function, sampled"
+    if margins:
+        drawn, found = margins
+        title = "Loop transfer function, sampled"
     else:
         drawn, title = model, f"{model.inputs[0]} to {model.outputs[0]}"
     _show(options, model, found, notes, f"{options.source} at {at:g} s")
     return 0 if write_files((options.plot, lambda path: linearize.plot_bode(path, drawn, title=title))) else 1
+
+
+def _model(
+    source: Loadable, instance: str, at: float, inputs: Sequence[str] | None, outputs: Sequence[str] | None
+) -> StateSpace:
+    from ..design.linearize import linearize
+
+    return linearize(source.system(), instance=instance, at=at, inputs=inputs, outputs=outputs)
+
+
+def _margins(source: Loadable, at: float, controller: str, plant: str) -> tuple[StateSpace, Margins]:
+    from ..design.linearize import loop_margins
+
+    return loop_margins(source.system(), at=at, controller=controller, plant=plant)
 
 
 def _show(

@@ -22,6 +22,8 @@ EXIT_CODES: Mapping[int, str] = {
     143: "ended by SIGTERM",
 }
 """Exit code -> its meaning, for every command that says nothing else."""
+LEAST_WIDTH = 20
+"""Smallest width in characters of the help, however narrow the terminal is."""
 LONGEST_LINE = 78
 """Longest line of an example in characters. A longer command goes on in the next line, after a backslash."""
 
@@ -59,7 +61,7 @@ class Parser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         """The help as argparse writes it, then the examples and the exit codes."""
-        width = shutil.get_terminal_size().columns - 2
+        width = max(shutil.get_terminal_size().columns - 2, LEAST_WIDTH)
         lines: list[str] = []
         if self.examples:
             lines += ["", "examples:"]

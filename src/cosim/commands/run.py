@@ -390,7 +390,8 @@ def _real_time_factor(result: Result) -> float:
 def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
     """The table of a run: its length and its figures of merit."""
     facts = result.metadata
-    names_fit = all(len(row.name) <= WHOLE_NAME for row in figures)
+    names = [row.name.rpartition(": ")[2] for row in figures]
+    names_fit = all(len(name) <= WHOLE_NAME for name in names)
     table = make_table("", "", "", right=("1",), whole=("0", "1") if names_fit else ("1",))
     table.add_row("Simulated", f"{facts['steps'] * facts['step_size']:.9g}", "s")
     table.add_row("Steps", f"{facts['steps']}", f"of {facts['step_size']:g} s")
@@ -400,11 +401,16 @@ def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
             rejected = f", {counts['rejected']:.0f} rejected" if counts.get("rejected") else ""
             steps = f"{counts.get('steps', 0.0):.0f} steps{rejected}"
             table.add_row(f"{escape(instance)}: equations evaluated", f"{per_step:.3g}", f"times a step ({steps})")
-    if figures:
-        table.add_section()
-    for row in figures:
+    loop = None
+    for row, name in zip(figures, names, strict=True):
+        head = row.name.removesuffix(name)  # "controller_x: " if there are several loops
+        if head != loop:
+            if head or loop:
+                table.add_row()
+                table.add_row(f"[bold]{escape(head.removesuffix(': ')) or 'path of both axes'}[/]")
+            loop = head
         value = f"{row.value:.4g}" if isfinite(row.value) else "none"
-        table.add_row(escape(row.name), value, escape(row.reason or row.unit))
+        table.add_row(escape(name), value, escape(row.reason or row.unit))
     return table
 
 

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import os
 import sys
 import tempfile
 
 from ..errors import DescriptionError
-
-FULL = (errno.ENOSPC, errno.EDQUOT)
+from ..files import FULL
 
 
 def prepare_streams() -> None:
-    """Let the standard streams take every character.
+    """Let the standard streams take every character; what is written to a closed stream (``>&-``) is lost.
 
     If the encoding lacks a character (``PYTHONIOENCODING=ascii``, an old terminal), its number is shown, such as
     ``\\xfc``. Otherwise, a single unit or file name with such a character would end the command.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (open to the end of the process)
+        elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 

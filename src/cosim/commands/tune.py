@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from .console import Bar, check_files, common_arguments, show, write_files
+from .console import Bar, check_files, common_arguments, print_note, show, write_files
 from .parser import EXIT_CODES, count
 from .systems import base_argument
 
@@ -29,6 +29,7 @@ def add(commands: Any) -> None:
 
 
 def _tune(options: argparse.Namespace) -> int:
+    from ..design.plan import variable_of
     from ..design.tune import Trial, read_tuning, tune, write_start
     from ..fmu.places import base_name, has_ending
 
@@ -53,8 +54,13 @@ def _tune(options: argparse.Namespace) -> int:
         "runs": len(tuned.trials),
         "generations": tuned.generations,
         "message": tuned.message,
+        "notes": tuned.notes,
     }
-    rows = [(name, f"{value:.6g}") for name, value in {**tuned.parameters, **tuned.best.figures}.items()]
+    units = {name: variable_of(tuning.system, name).unit or "" for name in tuned.parameters}
+    values = {**tuned.parameters, **tuned.best.figures}
+    rows = [(name, f"{value:.6g}", units.get(name, "")) for name, value in values.items()]
     kept = "all limits kept" if tuned.feasible else f"limits NOT kept, excess {tuned.best.excess:.3g}"
-    show(options, content, [("", "Best"), *rows], f"{options.file}: {len(tuned.trials)} runs, {kept}")
+    show(options, content, [("", "Best", "Unit"), *rows], f"{options.file}: {len(tuned.trials)} runs, {kept}")
+    for note in tuned.notes:
+        print_note(f"note: {note}")
     return 0 if write_files((options.start, lambda path: write_start(tuned, path, base=base))) else 1

@@ -36,7 +36,7 @@ def _values(fitted: Fitted) -> Table:
     rows: list[list[Cell]] = []
     for e in fitted.estimates:
         ends: list[Cell] = [e.low, e.high] if e.told else ["not told", ""]
-        rows.append([e.name, e.start, e.value, *ends, e.unit, "at its bound" if e.at_bound else ""])
+        rows.append([e.name, e.start, e.value, *ends, typeset(e.unit), "at its bound" if e.at_bound else ""])
     return Table(rows, ("", "Start", "Value", "95 % from", "to", "Unit", ""))
 
 
@@ -46,7 +46,7 @@ def _agreement(fitted: Fitted) -> Table:
         unit, factor = display_unit(c.unit, c.largest)
         laps: Cell = "" if math.isnan(c.repeatability) else factor * c.repeatability
         names = f"{c.record} {c.output}", "not fitted" if c.validates else "fitted"
-        rows.append([*names, factor * c.rms, factor * c.largest, unit, c.relative, c.fit, laps])
+        rows.append([*names, factor * c.rms, factor * c.largest, typeset(unit), c.relative, c.fit, laps])
     headings = ("Record", "", "rms", "Largest", "Unit", "rms / %", "Fit / %", "Lap to lap, rms")
     return Table(rows, headings, "Record minus system. A record that was not fitted is the one to trust.")
 

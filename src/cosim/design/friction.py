@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,7 +28,7 @@ import numpy as np
 from ..errors import DescriptionError
 from ..record.read import read_record
 from ..result.metrics import Array, window
-from ..units import conversion, parse_unit
+from ..units import conversion, parse_unit, resolve_unit
 from .fit_statistics import NORMAL, fast_noise, memory
 
 ORDER = 3
@@ -99,6 +99,8 @@ class FrictionLook:
     samples: int
     slow_share: float
     """Share of the samples in which the machine moves, but slower than a hundredth of its largest speed."""
+    notes: tuple[str, ...] = ()
+    """Units that nothing says, and what the signals are taken as."""
 
     def value(self, name: str) -> Value:
         """The value called ``name``."""
@@ -121,9 +123,10 @@ def identify_friction(
         look = identify_friction("axis.csv", position="x", force="u", factor=35.15, force_unit="N")
 
     ``position`` and ``force`` name columns; the force is ``factor`` times its column, in ``force_unit`` (default: that
-    of the record, else N). Positions with a unit of length are converted to m; angles stay in rad. ``span`` in s is the
-    part of the record that is used. Raises DescriptionError for a record that cannot be read or has no such columns, is
-    too short, or in which nothing moves.
+    of the record, else N). Positions with a unit of length are converted to m, angles to rad; without a unit they are
+    in m. ``span`` in s is the part of the record that is used. Raises DescriptionError for a record that cannot be read
+    or has no such columns, is too short, or in which nothing moves, and for a factor on a force in N or N.m, or a
+    multiple of it, if ``force_unit`` does not say the unit after the factor.
     """
     record = read_record(source, time=time, sampling_time=sampling_time, columns=[position, force])
     if note := record.uneven():
@@ -132,8 +135,23 @@ def identify_friction(
     length = "rad" if parse_unit(stated).conversion(parse_unit("rad")) else "m"
     part = window(record.time, *span)
     x = record.column(position)[part] * conversion(stated, length)
-    unit = force_unit or (record.units.get(force, "") if factor == 1.0 else "") or "N"
-    return friction_from_signals(record.time[part], x, factor * record.column(force)[part], unit=unit, length=length)
+    told = record.units.get(force, "")
+    if factor != 1.0 and force_unit is None and _is_force(told):
+        raise DescriptionError(
+            f"{source}: {force} is in {told}: say the unit after the factor, --unit N or force_unit='N'."
+        )
+    unit = force_unit or (told if factor == 1.0 else "") or "N"
+    look = friction_from_signals(record.time[part], x, factor * record.column(force)[part], unit=unit, length=length)
+    taken = {position: length} if not record.units.get(position) else {}
+    taken |= {force: unit} if not told and force_unit is None else {}
+    notes = tuple(f"nothing says the unit of {name}: taken as {each}." for name, each in taken.items())
+    return replace(look, notes=notes)
+
+
+def _is_force(unit: str) -> bool:
+    """Whether a unit is one of forces or torques."""
+    meaning = resolve_unit(unit) if unit else None
+    return meaning is not None and any(meaning.conversion(parse_unit(each)) for each in ("N", "N.m"))
 
 
 def friction_from_signals(

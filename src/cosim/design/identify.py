@@ -14,8 +14,9 @@ Engineering 32, 2008, sec. 3.
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,9 +32,12 @@ from ..master.simulation import simulate
 from ..record.read import read_record
 from ..result.metrics import Array
 from ..system.system import System, read_system
+from ..units import conversion
 from .fit_statistics import fast_noise
 from .names import nctf_names
 
+POSITIONS, VELOCITIES = ("m", "rad"), ("m/s", "rad/s")
+"""SI units of the positions and velocities from which an NCT is identified."""
 NODES = 128
 """Number of nodes of the NCT in the controllers of this library."""
 POINTS = 400
@@ -120,20 +124,41 @@ def identify_nct(
         velocity = None if differentiate else velocity or names.velocity
         recorded = system.changed(record=[name for name in (position, velocity, command) if name is not None])
         result = simulate(recorded, isolated=True, timeout=timeout)
-        time, drive, place = result.time, result[command], result[position]
-        rate = None if velocity is None else result[velocity]
+        time, drive = result.time, result[command]
+        place = in_si(result[position], result.unit(position), POSITIONS, position)
+        rate = None if velocity is None else in_si(result[velocity], result.unit(velocity), VELOCITIES, velocity)
     return nct_from_signals(time, drive, place, rate, alpha=alpha, e_lin=e_lin)
 
 
 def read_signals(path: Path) -> tuple[Array, Array, Array, Array | None]:
-    """The columns t, u, x and v of a record; None for a missing v. Raises DescriptionError if it cannot be read."""
+    """The columns t, u, x and v of a record in SI units; None for a missing v.
+
+    Columns without a unit are in SI units. Raises DescriptionError if the record cannot be read, or for other units.
+    """
     record = read_record(path)
     if not {"u", "x"} <= set(record.columns):
         raise DescriptionError(
             f"{path}: columns beside the time are {', '.join(record.columns)}. Give t in s, u in the unit of the "
             "command, x in m, and v in m/s if it was measured."
         )
-    return record.time, record.columns["u"], record.columns["x"], record.columns.get("v")
+    place, rate = record.columns["x"], record.columns.get("v")
+    place = in_si(place, record.units["x"], POSITIONS, f"{path}: column x")
+    rate = None if rate is None else in_si(rate, record.units["v"], VELOCITIES, f"{path}: column v")
+    return record.time, record.columns["u"], place, rate
+
+
+def in_si(values: Array, unit: str, wanted: Sequence[str], name: str) -> Array:
+    """Values of ``unit`` in the first of the units ``wanted`` to which it converts; as they are without one, or in 1.
+
+    ``name`` is what the message names. Raises DescriptionError if the unit converts to none of them.
+    """
+    if unit in ("", "1"):
+        return values
+    for each in wanted:
+        with contextlib.suppress(DescriptionError):
+            factor = conversion(unit, each)
+            return values if factor == 1.0 else values * factor
+    raise DescriptionError(f"{name} is in {unit}. Give a signal in {' or '.join(wanted)}, or in a multiple of it.")
 
 
 def _driven_samples(signals: Mapping[str, Array]) -> NDArray[np.intp]:

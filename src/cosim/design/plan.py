@@ -112,6 +112,10 @@ def read_sweep(path: str | Path, *, fmus: str | Path | None = None) -> Sweep:
     return make_sweep(read_toml(path), name=path.name, folder=path.parent, fmus=fmus)
 
 
+RUN_COLUMNS = ("run", "seconds", "error")
+"""Columns of every data set of a sweep: neither parameters nor figures."""
+
+
 def make_sweep(
     document: Mapping[str, Any], *, name: str = "sweep", folder: str | Path = ".", fmus: str | Path | None = None
 ) -> Sweep:
@@ -129,6 +133,12 @@ def make_sweep(
     except DescriptionError as error:
         problems += [f"{name}: {problem}" for problem in error.problems]
     wanted, window, found = figures_of(data, system)
+    found += [
+        f"metrics.{metric.name}: the data set has a column of this name already. Take another, such as "
+        f"{metric.name}_{metric.of}."
+        for metric in wanted
+        if metric.name in (*RUN_COLUMNS, *data.parameters)
+    ]
     problems += [f"{name}: {problem}" for problem in found]
     if problems:
         raise DescriptionError(problems)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +19,12 @@ from ..files import write_file
 from ..result.metrics import Array
 from ..result.plots import save, typeset
 from .dataset import DataSet
+from .plan import RUN_COLUMNS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NOT_FIGURES = ("run", "seconds", "error")
-"""Columns of a data set that are no figures of merit."""
 MAX_PAIRS = 6
 """Largest number of pairs of parameters that get a map for each figure: all pairs of four parameters."""
 SHOWN = 10
@@ -33,31 +33,27 @@ SHOWN = 10
 
 def write_report(folder: Path) -> Path:
     """Write ``report.md`` and a picture for each figure into the folder of a data set; returns the report's path."""
-    data = DataSet(folder)
-    try:
-        about = data.about()
-    except FileNotFoundError:
-        raise DescriptionError(f"{folder} holds no sweep.") from None
-    table = data.read()
-    if not table.num_rows:
-        raise DescriptionError(f"{folder} holds no run yet.")
-    columns: dict[str, list[Any]] = table.to_pydict()
+    about, columns = _read(folder)
     parameters: list[str] = about["parameters"]
-    names = [name for name in columns if name not in NOT_FIGURES and name not in parameters]
+    spreads = _spreads(columns, parameters)
     failed = [(run, error) for run, error in zip(columns["run"], columns["error"], strict=True) if error]
     lines = [
         f"# {about['description'] or about['name']}",
         "",
         f"System {about['system']}, {about['method']} of {about['runs']} runs over "
         + ", ".join(f"{path} [{about['units'][path]}]" for path in parameters)
-        + f". {table.num_rows} runs are recorded, {len(failed)} of them failed.",
+        + f". {len(columns['run'])} runs are recorded, {len(failed)} of them failed.",
         "",
     ]
-    for name in names:
-        values = np.array([math.nan if value is None else value for value in columns[name]])
+    if spreads:
+        lines += ["| figure | least | median | largest | in run |", "|" + "---|" * 5]
+        for spread in spreads:
+            ends = " | ".join(f"{value:.6g}" for value in (spread.least, spread.median, spread.largest))
+            lines.append(f"| {spread.name} | {ends} | {spread.run} |")
+        lines.append("")
+    for name in (spread.name for spread in spreads):
+        values = _values(columns[name])
         finite = np.isfinite(values)
-        if not np.any(finite):
-            continue
         picture = folder / f"{name.replace('.', '_')}.png"
         _draw(picture, name, values, {path: columns[path] for path in parameters}, about["units"])
         lines += [f"## {name}", "", f"![{name}]({picture.name})", ""]
@@ -75,6 +71,53 @@ def write_report(folder: Path) -> Path:
         lines.append("")
     path = folder / "report.md"
     return write_file(path, "\n".join(lines))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How a figure is spread over the runs of a data set that did not fail."""
+
+    name: str
+    least: float
+    median: float
+    largest: float
+    run: int
+    """The run with the largest value."""
+
+
+def figure_spreads(folder: Path) -> list[Spread]:
+    """The spread of every figure of a data set. Raises DescriptionError if the folder holds no run."""
+    about, columns = _read(folder)
+    return _spreads(columns, about["parameters"])
+
+
+def _read(folder: Path) -> tuple[Mapping[str, Any], dict[str, list[Any]]]:
+    data = DataSet(folder)
+    try:
+        about = data.about()
+    except FileNotFoundError:
+        raise DescriptionError(f"{folder} holds no sweep.") from None
+    columns: dict[str, list[Any]] = data.read().to_pydict()
+    if not columns["run"]:
+        raise DescriptionError(f"{folder} holds no run yet.")
+    return about, columns
+
+
+def _values(column: list[Any]) -> Array:
+    return np.array([math.nan if value is None else value for value in column])
+
+
+def _spreads(columns: Mapping[str, list[Any]], parameters: Sequence[str]) -> list[Spread]:
+    found: list[Spread] = []
+    for name in columns:
+        if name in RUN_COLUMNS or name in parameters:
+            continue
+        values = _values(columns[name])
+        finite = values[np.isfinite(values)]
+        if finite.size:
+            run = columns["run"][int(np.argmax(np.where(np.isfinite(values), values, -np.inf)))]
+            found.append(Spread(name, float(finite.min()), float(np.median(finite)), float(finite.max()), run))
+    return found
 
 
 def _shown(value: Any) -> str:

@@ -46,6 +46,8 @@ from .documents import RangeData, TuningData
 from .plan import Metric, check_values, figures_of, measure, recording, system_of, variable_of
 from .workers import Limit, Loadable, LoadError, Pool, Worker, check_workers
 
+EDGE = 0.03
+"""A value within this share of its range from an end counts as at the end: the search takes no exact ends."""
 WORST = 1e6
 """Excess of a failed run, and the largest excess of any run. It is finite, so that the search can compare points."""
 
@@ -93,6 +95,8 @@ class Tuned:
     trials: tuple[Trial, ...]
     generations: int
     message: str
+    notes: tuple[str, ...] = ()
+    """Sentences on parameters that ended at an end of their range."""
 
 
 def read_tuning(path: str | Path, *, fmus: str | Path | None = None) -> Tuning:
@@ -247,7 +251,13 @@ def tune(
         raise DescriptionError(f"no run of {len(evaluator.trials)} succeeded. " + (errors[0] if errors else ""))
     parameters = dict(zip(tuning.parameters, best.values, strict=True))
     trials = tuple(evaluator.trials)
-    return Tuned(parameters, best, best.excess == 0.0, trials, int(found.nit), str(found.message))
+    notes = tuple(
+        f"{name} = {value:.6g} is at the end of its range, {reach.low:g} to {reach.high:g}: a wider range may hold a "
+        "better value."
+        for (name, value), reach in zip(parameters.items(), tuning.ranges, strict=True)
+        if not reach.at(EDGE) < value < reach.at(1.0 - EDGE)
+    )
+    return Tuned(parameters, best, best.excess == 0.0, trials, int(found.nit), str(found.message), notes)
 
 
 def write_start(tuned: Tuned, path: Path, *, base: str | None = None) -> None:

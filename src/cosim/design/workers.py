@@ -126,6 +126,16 @@ class Loadable:
         fmus = None if system.fmus is None else str(Path(system.fmus).resolve())
         return cls(system.document, system.name, str(Path(system.folder).resolve()), fmus, system.digest)
 
+    def system(self) -> System:
+        """The system, read again. Raises DescriptionError if it is not the same."""
+        system = make_system(self.document, name=self.name, folder=self.folder, fmus=self.fmus)
+        if system.digest != self.digest:
+            raise DescriptionError(
+                f"{self.name}: this worker finds other FMUs or records than its owner. "
+                f"Give all machines the same files below {self.folder}."
+            )
+        return system
+
 
 KEPT = 4
 """Number of systems that a process keeps loaded: a fit alternates between the systems of its records."""
@@ -146,13 +156,7 @@ def simulation_of(loadable: Loadable) -> Simulation:
     while len(_loaded) >= KEPT:
         _loaded.pop(next(iter(_loaded))).close()
     try:
-        system = make_system(loadable.document, name=loadable.name, folder=loadable.folder, fmus=loadable.fmus)
-        if system.digest != loadable.digest:
-            raise DescriptionError(
-                f"{loadable.name}: this worker finds other FMUs or records than its owner. "
-                f"Give all machines the same files below {loadable.folder}."
-            )
-        _loaded[loadable.digest] = Simulation(system).__enter__()
+        _loaded[loadable.digest] = Simulation(loadable.system()).__enter__()
     except DescriptionError:
         raise
     except CosimError as error:

@@ -14,7 +14,6 @@ import pickle
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from decimal import Decimal
@@ -25,7 +24,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import CosimError
-from ..files import write_file
+from ..files import temporary_folder, write_file
 from ..fmu.variables import Value, Variable
 from ..system.parts import Instance
 from ..system.samples import sampling_time
@@ -65,13 +64,19 @@ class Trial:
 
     def __init__(self, system: System) -> None:
         self._resources = contextlib.ExitStack()
-        folder = self._resources.enter_context(tempfile.TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True))
-        self._file = Path(folder) / "findings.json"
-        job = Path(folder) / "job"
+        folder = self._resources.enter_context(temporary_folder())
+        self._file = folder / "findings.json"
+        job = folder / "job"
         job.write_bytes(pickle.dumps((dict(system.document), system.name, system.folder, system.fmus)))
         command = [sys.executable, "-m", __name__, str(job), str(self._file)]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            # What a process that crashes leaves behind is removed with this folder.
+            env={**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)},
+            process_group=0 if sys.platform != "win32" else None,
         )
 
     def findings(self, *, seconds: float = SECONDS) -> Findings:
@@ -98,6 +103,10 @@ class Trial:
     ) -> None:
         if self._process.poll() is None:
             self._process.kill()
+        if sys.platform != "win32":
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                # Processes that an FMU has started end, too.
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         self._resources.close()
 

@@ -306,7 +306,7 @@ def _with_units(
         factors = None  # a temperature is no difference of temperatures
     if connection.units == "given":
         if factors is not None:
-            _compare(where, connection, (unit, other), factors, findings)
+            compare_numbers(where, connection.stated, (unit, other), factors, 'add units = "convert"', findings)
         return connection
     if connection.units == "converted" and factors is not None:
         return converted(connection, *factors)
@@ -315,17 +315,22 @@ def _with_units(
     return None
 
 
-def _compare(
-    where: str, connection: Connection, units: tuple[str, str], conversion: tuple[float, float], findings: Findings
+def compare_numbers(  # noqa: PLR0917
+    where: str,
+    numbers: tuple[float, float],
+    units: tuple[str, str],
+    conversion: tuple[float, float],
+    remedy: str,
+    findings: Findings,
 ) -> None:
-    """Note a factor that does not do what the conversion of the units would do: a ratio may be meant beside it."""
-    factor, offset = connection.stated
+    """Note a factor and an offset that do not do what the conversion of the units would do: a ratio may be meant."""
+    factor, offset = numbers
     same_offset = conversion[1] == 0.0 or math.isclose(offset, conversion[1], rel_tol=ROUNDED)
     if factor != 0.0 and not (math.isclose(abs(factor), abs(conversion[0]), rel_tol=ROUNDED) and same_offset):
         findings.note(
             where,
-            f"{_numbers((factor, offset))} is all that is done from {units[0]} to {units[1]}; the units alone convert "
-            f'by {_numbers(conversion)}. If the numbers are meant beside that, add units = "convert".',
+            f"{_numbers(numbers)} is all that is done from {units[0]} to {units[1]}; the units alone convert "
+            f"by {_numbers(conversion)}. If the numbers are meant beside that, {remedy}.",
         )
 
 

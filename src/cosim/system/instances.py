@@ -129,6 +129,8 @@ def _array_start(  # noqa: PLR0917
     except _LengthError as error:
         findings.problem(where, f"{error} for an array of {size} elements.")
         return
+    if twice := [element for element in array.elements if element in result]:
+        findings.note(where, f"{_few(twice)} is given before the whole array, too: the array counts.")
     for element, item in zip(array.elements, values, strict=True):
         index = element.rpartition("[")[2]
         _start(f"{where}[{index}", fmu, fmu.variables[element], item, result, findings)

@@ -12,6 +12,10 @@ from .findings import Findings
 from .parts import Instance
 from .values import decimal, whole
 
+COARSE = 100.0
+"""A communication step is suspicious from so many times the step in the DefaultExperiment of an FMU."""
+
+
 FEW_SAMPLES = 10
 """A controller that takes fewer samples in a run, and is slower than its step, probably has T_s in another unit."""
 
@@ -30,9 +34,16 @@ def check_steps(instances: Mapping[str, Instance], experiment: ExperimentTimes, 
                 f"{where}.step_multiple", f"{multiple} does not divide the {experiment.steps} steps of the run."
             )
         sampling = sampling_time(instance)
+        own = experiment.step_size * multiple
+        stated = instance.fmu.step_size
+        if sampling is None and stated and instance.fmu.inputs and float(own) >= COARSE * stated > 0.0:
+            findings.note(
+                where,
+                f"its step of {own} s is {float(own) / stated:.0f} times that of its file, {stated:g} s. "
+                "Take a smaller step_size, unless its results stay the same.",
+            )
         if sampling is None or not experiment.step_size:
             continue
-        own = experiment.step_size * multiple
         ratio = Fraction(own) / Fraction(sampling)
         samples = whole(ratio)
         if samples is None and whole(1 / ratio) is None:

@@ -25,6 +25,7 @@ from ..record.header import is_unit
 from ..record.read import Record, read_record
 from ..record.resample import Resampler
 from ..units import parse_unit
+from .connections import compare_numbers
 from .findings import Findings
 from .instances import NAME
 from .parts import SignalSource
@@ -262,6 +263,11 @@ def _scaled(
         if told:
             findings.problem(f"{where}.factor", f'the file says {told}: say the unit after the factor, unit = "...".')
             return None
+    elif factor is not None and told and column.unit and is_unit(told) and is_unit(column.unit):
+        found = parse_unit(told).conversion(parse_unit(column.unit))
+        if found is not None and found != (1.0, 0.0):
+            remedy = f"write factor = {factor * found[0]:.6g}"
+            compare_numbers(where, (factor, offset), (told, column.unit), found, remedy, findings)
     values = record.columns[column.column]
     # Adding 0.0 would turn -0.0 into 0.0.
     values = values if factor in (None, 1.0) else values * factor

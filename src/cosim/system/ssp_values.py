@@ -120,11 +120,15 @@ class ParameterValues:
         entries = self.mapping(part, binding)
         prefix = binding.get("prefix", "")
         nowhere: list[str] = []
+        names: set[str] = set()
         for parameter in values.findall(f"{tag('ssv:Parameters')}/{tag('ssv:Parameter')}"):
             typed = next(iter(parameter), None)
             if typed is None:
                 continue
             source = f"{prefix}{parameter.get('name')}"
+            if source in names:
+                self.note(f"parameter values of '{part.name}': '{source}' has more than one value; the last counts.")
+            names.add(source)
             for name, entry in entries.pop(source, [(source, None)]):
                 found = _find(part, name)
                 if found is None:
