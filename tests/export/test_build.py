@@ -71,6 +71,15 @@ def test_a_file_anywhere(tmp_path: Path, arguments: list[str], capsys: pytest.Ca
         assert b"The motion-cosim authors" not in archive.read("modelDescription.xml")
 
 
+@pytest.mark.parametrize("flavour", ["native", "python"])
+@pytest.mark.parametrize(("head", "encoding"), [("", "utf-8-sig"), ("# coding: cp1252\n", "cp1252")])
+def test_a_file_in_any_encoding_of_python(tmp_path: Path, head: str, encoding: str, flavour: str) -> None:
+    path = lag(tmp_path)
+    path.write_bytes((head + path.read_text(encoding="utf-8").replace("Static gain", "Verstärkung")).encode(encoding))
+    assert main(["build", str(path), "--flavour", flavour, "-o", str(tmp_path / "out")]) == 0
+    assert steady(tmp_path / "out" / "Lag.fmu") == pytest.approx(2.0, rel=1e-4)
+
+
 @pytest.mark.parametrize(
     "imports",
     ["import helper", "import helper as other; helper = other", "from helper import twice", "import helper  # beside"],

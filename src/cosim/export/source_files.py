@@ -8,6 +8,7 @@ import importlib.util
 import inspect
 import re
 import sys
+import tokenize
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -156,7 +157,7 @@ def needed_files(where: Origin, path: Path) -> dict[str, Path]:
 def imported_modules(path: Path, module: str) -> Iterator[str]:
     """Full names of the modules that a file imports; ``from a import b`` gives ``a`` and ``a.b``: b may be a module."""
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), path.name)):
+    for node in ast.walk(ast.parse(path.read_bytes(), path.name)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -170,7 +171,10 @@ def relative_imports(path: Path, module: str, local: Mapping[str, Any]) -> str:
 
     The package that holds the file may then have any name. Raises DescriptionError for an import without relative form.
     """
-    text = path.read_text(encoding="utf-8")
+    with tokenize.open(path) as file:  # knows byte order marks and comments such as "coding: latin-1"
+        text = file.read()
+    # The copy is UTF-8.
+    text = re.sub(r"^([ \t\f]*#.*?coding[:=][ \t]*)[-\w.]+", r"\g<1>utf-8", text, count=1, flags=re.MULTILINE)
     tops = {"cosim", *(name.partition(".")[0] for name in local)}
     dots = "." * (len(module.split(".")) + (path.name == "__init__.py"))
     names = "|".join(sorted(map(re.escape, tops)))
