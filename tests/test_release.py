@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -70,8 +71,13 @@ def write_changelog(root: Path, date: str = "2026-11-26", unreleased: str = "", 
     (root / "CHANGELOG.md").write_text(text, encoding="utf-8")
 
 
-def test_this_version_has_a_section_of_the_changelog() -> None:
-    assert release.changelog_version(ROOT).number == VERSION.number == cosim.version.VERSION
+def test_this_version_has_a_section_of_the_changelog(tree: Path) -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    # Entries of the next release may wait under [Unreleased] until it is made.
+    (tree / "CHANGELOG.md").write_text(
+        re.sub(r"(?s)(## \[Unreleased\]\n).*?(?=^## )", r"\1", text, flags=re.M), "utf-8"
+    )
+    assert release.changelog_version(tree).number == VERSION.number == cosim.version.VERSION
 
 
 @pytest.mark.parametrize(
