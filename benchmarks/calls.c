@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "fmi2Functions.h"
+#include "callbacks.h"
 #include "references.h"
 
 typedef struct {
@@ -22,16 +22,6 @@ typedef struct {
     fmi2ExitInitializationModeTYPE *leave;
     fmi2TerminateTYPE *terminate;
 } Fmu;
-
-static void logger(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String m, ...) {
-    (void)e;
-    (void)n;
-    (void)s;
-    (void)c;
-    (void)m;
-}
-
-static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
 
 static Fmu loaded(const char *path, const char *guid) {
     void *library = dlopen(path, RTLD_NOW);

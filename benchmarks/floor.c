@@ -9,15 +9,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "fmi2Functions.h"
-
-static void logger(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String m, ...) {
-    (void)e;
-    (void)n;
-    (void)s;
-    (void)c;
-    (void)m;
-}
+#include "callbacks.h"
 
 int main(int argc, char **argv) {
     if (argc < 3) return 2;
@@ -28,7 +20,6 @@ int main(int argc, char **argv) {
     fmi2SetRealTYPE *set = (fmi2SetRealTYPE *)dlsym(library, "fmi2SetReal");
     fmi2GetRealTYPE *get = (fmi2GetRealTYPE *)dlsym(library, "fmi2GetReal");
     fmi2DoStepTYPE *step = (fmi2DoStepTYPE *)dlsym(library, "fmi2DoStep");
-    fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
     fmi2Component a = instantiate("a", fmi2CoSimulation, "probe", "", &callbacks, fmi2False, fmi2False);
     fmi2Component b = instantiate("b", fmi2CoSimulation, "probe", "", &callbacks, fmi2False, fmi2False);
     const fmi2ValueReference u = 0, y = 1, y_start = 5;
