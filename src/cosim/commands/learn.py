@@ -93,11 +93,11 @@ def _learn(options: argparse.Namespace) -> int:
         rows += _rows(name, result, checks.get(name, []))
     kept = "nothing learned anew" if not anew else f"tables in {tables}"
     show(options, {"pulses": content, "tables": str(tables) if anew else None}, rows, f"Friction pulses, {kept}")
-    well = well and write_files(
+    written = write_files(
         (tables if anew else None, lambda path: pulse.write_start(learned, path, base=base)),
         (options.plot, lambda path: pulse.plot_learned(learned, path)),
     )
-    return 0 if well else 1
+    return 0 if well and written else 1
 
 
 def _content(result: Learned, checked: Sequence[Monitored], anew: bool) -> dict[str, Any]:
