@@ -106,6 +106,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _paths(text: str, folder: Path | None) -> list[Path]:
     from ..fmu.places import find_fmu, fmus_in
+    from ..fmu.text import no_such_file
 
     if Path(text).is_dir():
         found = list(fmus_in(Path(text)).values())
@@ -114,7 +115,7 @@ def _paths(text: str, folder: Path | None) -> list[Path]:
         return found
     path = find_fmu(text, folder)
     if not path.is_file():
-        raise DescriptionError(f"{path}: no such file.")
+        raise no_such_file(path)
     return [path]
 
 

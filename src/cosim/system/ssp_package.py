@@ -19,6 +19,7 @@ import fmpy.ssp
 from ..errors import DescriptionError, suggest
 from ..files import temporary_folder
 from ..fmu.archive import opened, unpack
+from ..fmu.text import no_such_file
 from ..fmu.xml import parse
 from .ssp_names import NAMESPACES, lxml_etree, tag
 
@@ -97,7 +98,7 @@ def open_package(path: Path) -> Package:
             path.name, description.parent, description.name, description.read_bytes(), packed=True, others=others
         )
     except FileNotFoundError:
-        raise DescriptionError(f"{path}: no such file.") from None
+        raise no_such_file(path) from None
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read ({error.strerror}).") from None
 
