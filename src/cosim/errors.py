@@ -46,6 +46,12 @@ def clipped(text: str) -> str:
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]} ..."
 
 
+def listed(names: Sequence[str], most: int) -> str:
+    """The first ``most`` of the names for a message, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def suggest(name: str, known: Iterable[str], meanings: Mapping[str, str] | None = None) -> str:
     """The hint `` Did you mean 'x'?`` with the known name nearest to ``name``.
 

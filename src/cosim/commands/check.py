@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, listed
 from .console import make_table, print_error, print_json, standard_output
 from .parser import EXIT_CODES
 from .systems import given_system, system_arguments
@@ -111,11 +111,9 @@ def _show(system: System, notes: list[str]) -> None:
     console.print(f"[bold]{escape(system.description or system.name)}[/]", soft_wrap=True)
     table = make_table("Instance", "FMU", "Start values", "Steps over", whole=("Instance", "Steps over"))
     for instance in system.instances:
-        starts = _starts(instance)
-        values = ", ".join(f"{name} = {value}" for name, value in list(starts.items())[:SHOWN_VALUES])
-        more = f" and {len(starts) - SHOWN_VALUES} more" if len(starts) > SHOWN_VALUES else ""
+        values = listed([f"{name} = {value}" for name, value in _starts(instance).items()], SHOWN_VALUES)
         over = f"{system.step_size * instance.step_multiple} s"
-        table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values + more), over)
+        table.add_row(escape(instance.name), escape(instance.fmu.name), escape(values), over)
     console.print(table)
     for signal in system.signals:
         time = signal.resampler.time

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, listed, suggest
 from ..record.read import Record
 from ..record.resample import usual_step
 from ..units import parse_unit
@@ -84,8 +84,9 @@ def pair(a: Side, b: Side, signals: Mapping[str, str] | Sequence[str] | None) ->
     if signals is None:
         names = [(name, name) for name in common_names(a, b)]
         if not names:
+            known = [listed(list(side.values), 5) for side in (a, b)]
             raise DescriptionError(
-                f"no signal of {a.label} ({_listed(a)}) has the name of one of {b.label} ({_listed(b)}): "
+                f"no signal of {a.label} ({known[0]}) has the name of one of {b.label} ({known[1]}): "
                 "say which belong together, as NAME=OTHER, with --signals or signals = {NAME: OTHER}."
             )
     else:
@@ -115,11 +116,6 @@ def pair(a: Side, b: Side, signals: Mapping[str, str] | Sequence[str] | None) ->
 def common_names(a: Side, b: Side) -> list[str]:
     """The names that both sides have."""
     return [name for name in a.values if name in b.values]
-
-
-def _listed(side: Side) -> str:
-    names = list(side.values)
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _conversion(a: Side, b: Side, names: tuple[str, str], notes: list[str]) -> tuple[str, float, float]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
-from ..errors import suggest
+from ..errors import listed, suggest
 from ..fmu.variables import Variable, suggest_variable
 from ..units import Unit
 from .findings import Findings
@@ -96,10 +96,9 @@ def _missing_units(connections: Sequence[Connection], ports: Mapping[str, Ports]
             units = unit or "no unit", wanted or "no unit"
             found.append(f"{connection} ({units[0]} -> {units[1]})")
     if found:
-        shown = ", ".join(found[:SHOWN_CONNECTIONS])
-        more = f" and {len(found) - SHOWN_CONNECTIONS} more" if len(found) > SHOWN_CONNECTIONS else ""
+        shown = listed(found, SHOWN_CONNECTIONS)
         findings.note(
-            "connections", f"the FMU states no unit at one end, so values are passed on as they are: {shown}{more}."
+            "connections", f"the FMU states no unit at one end, so values are passed on as they are: {shown}."
         )
 
 

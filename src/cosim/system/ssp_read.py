@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, quote, urlsplit
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, listed
 from ..fmu.description import read_fmu
 from .ssp_flow import Flow, Hop, said
 from .ssp_names import own_annotation, tag
@@ -141,8 +141,7 @@ class SspReader:
         renamed = [f"'{part.name}' is {self.names[part.path]}" for part in self.top.components()]
         renamed = [text for text, path in zip(renamed, self.names, strict=True) if path != (self.names[path],)]
         if renamed:
-            more = f" and {len(renamed) - SHOWN_NAMES} more" if len(renamed) > SHOWN_NAMES else ""
-            self.notes.append(f"instances have plain names here: {', '.join(renamed[:SHOWN_NAMES])}{more}.")
+            self.notes.append(f"instances have plain names here: {listed(renamed, SHOWN_NAMES)}.")
         for part in self.top.all():
             if part.kind not in ("System", "Component"):
                 self.notes.append(f"'{part.name}' is a {part.kind}, which is not read.")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import Any, cast
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, listed, suggest
 from ..fmu.archive import opened
 from .ssp_names import local_name, lxml_etree, tag
 from .ssp_package import Package, read_document
@@ -228,5 +228,4 @@ def _variables(part: Part) -> Iterator[str]:
 
 
 def _few(names: list[str]) -> str:
-    shown = ", ".join(f"'{name}'" for name in names[:SHOWN_NAMES])
-    return shown if len(names) <= SHOWN_NAMES else f"{shown} and {len(names) - SHOWN_NAMES} more"
+    return listed([f"'{name}'" for name in names], SHOWN_NAMES)
