@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 def _sweep(options: argparse.Namespace) -> int:
     from ..design import sweep as sweeps
-    from ..design.sweep_report import figure_spreads
+    from ..design.sweep_report import read_runs, write_report
 
     require("matplotlib", "the report of a sweep")
     plan = sweeps.read_sweep(options.file, fmus=options.fmus)
@@ -58,8 +58,8 @@ def _sweep(options: argparse.Namespace) -> int:
         )
     for note in outcome.notes:
         print_note(note)
-    page = sweeps.report(outcome.folder)
-    spreads = figure_spreads(outcome.folder)
+    runs = read_runs(outcome.folder)
+    page = write_report(runs)
     content: dict[str, Any] = {
         "data": str(outcome.folder / "runs"),
         "report": str(page),
@@ -69,12 +69,12 @@ def _sweep(options: argparse.Namespace) -> int:
         "elapsed_seconds": outcome.elapsed,
         "run_seconds": outcome.run_seconds,
         "workers": outcome.workers,
-        "figures": {spread.name: vars(spread) for spread in spreads},
+        "figures": {spread.name: vars(spread) for spread in runs.spreads},
     }
     rows = [("Runs", f"{outcome.runs}"), ("of these now", f"{outcome.new}"), ("failed", f"{outcome.failed}")]
     rows += [("Elapsed", f"{outcome.elapsed:.3g} s"), ("Data set", content["data"]), ("Report", content["report"])]
     show(options, content, [("Sweep", ""), *rows], plan.description or plan.name)
-    if spreads and not options.json:
-        ends = [(s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), f"{s.run}") for s in spreads]
+    if runs.spreads and not options.json:
+        ends = [(s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), f"{s.run}") for s in runs.spreads]
         show(options, {}, [("Figure", "Least", "Median", "Largest", "in run"), *ends], "")
     return 0

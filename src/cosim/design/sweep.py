@@ -231,6 +231,6 @@ def _run_elsewhere(plan: Sweep, missing: Sequence[int], keep: Callable[[Sequence
 
 def report(folder: str | Path) -> Path:
     """Write ``report.md`` and its pictures into the folder of a data set: figures, best runs, heat maps, failures."""
-    from .sweep_report import write_report
+    from .sweep_report import read_runs, write_report
 
-    return write_report(Path(folder))
+    return write_report(read_runs(Path(folder)))

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,11 +32,10 @@ SHOWN = 10
 """Largest number of best runs, and of failed runs, in a table of the report."""
 
 
-def write_report(folder: Path) -> Path:
-    """Write ``report.md`` and a picture for each figure into the folder of a data set; returns the report's path."""
-    about, columns = _read(folder)
+def write_report(runs: Runs) -> Path:
+    """Write ``report.md`` and a picture for each figure into the folder of the runs; returns the report's path."""
+    folder, about, columns, spreads = runs.folder, runs.about, runs.columns, runs.spreads
     parameters: list[str] = about["parameters"]
-    spreads = _spreads(columns, parameters)
     failed = [(run, error) for run, error in zip(columns["run"], columns["error"], strict=True) if error]
     lines = [
         f"# {about['description'] or about['name']}",
@@ -85,13 +85,22 @@ class Spread:
     """The run with the largest value."""
 
 
-def figure_spreads(folder: Path) -> list[Spread]:
-    """The spread of every figure of a data set. Raises DescriptionError if the folder holds no run."""
-    about, columns = _read(folder)
-    return _spreads(columns, about["parameters"])
+@dataclass(frozen=True)
+class Runs:
+    """The runs of the data set in ``folder``; ``columns`` are its columns by name."""
+
+    folder: Path
+    about: Mapping[str, Any]
+    columns: Mapping[str, list[Any]]
+
+    @cached_property
+    def spreads(self) -> list[Spread]:
+        """The spread of every figure."""
+        return _spreads(self.columns, self.about["parameters"])
 
 
-def _read(folder: Path) -> tuple[Mapping[str, Any], dict[str, list[Any]]]:
+def read_runs(folder: Path) -> Runs:
+    """The runs of the data set in ``folder``. Raises DescriptionError if there is none."""
     data = DataSet(folder)
     try:
         about = data.about()
@@ -100,7 +109,7 @@ def _read(folder: Path) -> tuple[Mapping[str, Any], dict[str, list[Any]]]:
     columns: dict[str, list[Any]] = data.read().to_pydict()
     if not columns["run"]:
         raise DescriptionError(f"{folder} holds no run yet.")
-    return about, columns
+    return Runs(folder, about, columns)
 
 
 def _values(column: list[Any]) -> Array:
