@@ -200,6 +200,14 @@ def temporary_folder() -> Generator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def temporary_variables(folder: Path) -> dict[str, str]:
+    """The variables of the environment that make ``folder`` the place for temporary files of another process.
+
+    What that process leaves behind when it is killed is then removed with ``folder``.
+    """
+    return dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
+
+
 @cache
 def _remove_abandoned() -> None:
     """Remove the folders of processes that ended without removing them. Done once in a process."""

@@ -109,6 +109,7 @@ def test_a_good_run_is_the_same_in_another_process(fmus: Path, fork: bool) -> No
     ("how", "status", "text"),
     [
         ("segv", "Crash", "crashed: SIGSEGV"),
+        ("temporary folder", "Crash", "crashed: SIGSEGV"),
         ("abort", "Crash", "crashed: SIGABRT"),
         ("stack", "Crash", "crashed: SIGSEGV"),
         ("trap", "Crash", "crashed: SIGILL"),

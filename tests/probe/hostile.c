@@ -78,6 +78,11 @@ static void misbehave(Probe *p) {
         hang();
     }
     if (!strcmp(how, "chdir") && chdir("/")) abort();
+    if (!strcmp(how, "temporary folder")) {
+        char name[4096];
+        snprintf(name, sizeof name, "%s/left-XXXXXX", getenv("TMPDIR"));
+        if (mkdtemp(name)) *nowhere = 1;
+    }
     if (!strcmp(how, "close"))
         for (int number = 0; number < 128; number++) close(number);
     if (!strcmp(how, "close all"))

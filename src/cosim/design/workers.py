@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeVar, cast
 
 from ..errors import CosimError, DescriptionError, FileError, SimulationError
-from ..files import reason, temporary_folder
+from ..files import reason, temporary_folder, temporary_variables
 from ..master.child import Channel, high, sent
 from ..master.process import FmuProcess, signal_text
 from ..master.signals import ENDING
@@ -384,8 +384,7 @@ class Worker:
                 stdin=pipe,
                 stdout=pipe,
                 stderr=subprocess.DEVNULL,
-                # The folder into which FMUs are unpacked is removed with the worker.
-                env={**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)},
+                env=os.environ | temporary_variables(folder),
                 # Ctrl-C is for the owner alone.
                 process_group=0 if sys.platform != "win32" else None,
                 creationflags=subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0,

@@ -17,6 +17,7 @@ import os
 import pickle
 import signal
 import sys
+import tempfile
 import threading
 import time
 import traceback
@@ -26,7 +27,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..errors import CosimError, DescriptionError, FileError
-from ..files import reason
+from ..files import reason, temporary_variables
 from ..result.result import Result
 from ..system.system import System, make_system
 from .board import FINISHED, Board
@@ -51,7 +52,7 @@ class Assignment:
     """The task of the process."""
 
     folder: Path
-    """The folder where FMUs are unpacked."""
+    """The folder for FMUs that are unpacked, and for all temporary files of the process."""
     debug: bool
     keep_going: bool
     columns: int
@@ -109,6 +110,8 @@ def serve(system: System | Callable[[], System], job: Assignment, memory: mmap.m
     code = 1
     try:
         _quiet()
+        os.environ.update(temporary_variables(job.folder))
+        tempfile.tempdir = str(job.folder)
         board = Board(memoryview(memory), job.columns, job.capacity, job.windows)
         threads = _threads()
         Log.sink = channel.send

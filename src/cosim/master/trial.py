@@ -24,7 +24,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import CosimError
-from ..files import temporary_folder, write_file
+from ..files import temporary_folder, temporary_variables, write_file
 from ..fmu.variables import Value, Variable
 from ..system.parts import Instance
 from ..system.samples import sampling_time
@@ -74,8 +74,7 @@ class Trial:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            # What a process that crashes leaves behind is removed with this folder.
-            env={**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)},
+            env=os.environ | temporary_variables(folder),
             process_group=0 if sys.platform != "win32" else None,
         )
 
