@@ -264,3 +264,44 @@ def test_info_shows_what_cannot_run(tmp_path: Path, text: str, said: str, capsys
     assert "time_constant" in shown.out
     assert said in " ".join(shown.err.split())
     assert main(["run", str(path), "--stop-time", "1", "--step-size", "0.1"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("experiment", "left_out", "said"),
+    [
+        ('tolerance="2"', "tolerance", "tolerance is 2; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="1"', "tolerance", "tolerance is 1; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="-1e-6"', "tolerance", "tolerance is -1e-06; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="0"', "tolerance", "tolerance is 0; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="NaN"', "tolerance", "tolerance is 'NaN', which is no finite number. Left out."),
+        ('startTime="2" stopTime="1"', "stop_time", "stopTime is 1 s, before startTime = 2 s. Left out."),
+        ('stopTime="-1"', "stop_time", "stopTime is -1 s, before startTime = 0 s. Left out."),
+        ('stopTime="INF"', "stop_time", "stopTime is 'INF', which is no finite number. Left out."),
+        ('startTime="NaN" stopTime="1"', "start_time", "startTime is 'NaN', which is no finite number. Left out."),
+        ('stopTime="1" stepSize="0"', "step_size", "stepSize is 0 s; a step is longer than 0 s. Left out."),
+        ('stepSize="-0.1"', "step_size", "stepSize is -0.1 s; a step is longer than 0 s. Left out."),
+        ('stopTime="1" stepSize="2"', "step_size", "stepSize is 2 s, longer than the experiment of 1 s. Left out."),
+        ('stepSize="NaN"', "step_size", "stepSize is 'NaN', which is no finite number. Left out."),
+    ],
+)
+def test_an_experiment_that_cannot_be_meant_is_told(
+    tmp_path: Path, experiment: str, left_out: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "Probe.fmu"
+    library = probe_library().read_bytes()
+    write_zip(path, {"modelDescription.xml": description(PROBE, experiment=experiment), library_name(): library})
+    fmu = read_fmu(path)
+    assert getattr(fmu, left_out) is None
+    assert [text for text in fmu.findings if text.startswith("DefaultExperiment")] == [f"DefaultExperiment: {said}"]
+    main(["info", str(path)])
+    assert f"DefaultExperiment: {said}" in " ".join(capsys.readouterr().err.split())
+    make_system(document(path), name="told")
+
+
+@pytest.mark.parametrize(
+    "experiment",
+    ['startTime="-2" stopTime="-1" stepSize="1" tolerance="1e-9"', 'stopTime="0"', 'stepSize="5"', 'tolerance="0.5"'],
+)
+def test_an_experiment_that_can_be_meant_is_no_finding(tmp_path: Path, experiment: str) -> None:
+    path = write_zip(tmp_path / "P.fmu", {"modelDescription.xml": description(PROBE, experiment=experiment)})
+    assert read_fmu(path).findings == ()
