@@ -15,6 +15,8 @@ from fmu_files import PROBE, description, library_name, probe_library, write_fmu
 from cosim import DescriptionError, make_system, simulate
 from cosim.commands.cli import main
 from cosim.fmu.description import read_fmu
+from cosim.record.description import Column
+from cosim.result.result import Result
 
 Change = Callable[[str], str]
 
@@ -305,3 +307,40 @@ def test_an_experiment_that_cannot_be_meant_is_told(
 def test_an_experiment_that_can_be_meant_is_no_finding(tmp_path: Path, experiment: str) -> None:
     path = write_zip(tmp_path / "P.fmu", {"modelDescription.xml": description(PROBE, experiment=experiment)})
     assert read_fmu(path).findings == ()
+
+
+FMI_3 = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Car" instantiationToken="car">
+<CoSimulation modelIdentifier="probe3"/>
+<UnitDefinitions><Unit name="l/m"><BaseUnit m="2" factor="0.001"/>
+<DisplayUnit name="km/l" factor="0.001" {attributes}/><DisplayUnit name="l/100km" factor="1e5"/></Unit>
+</UnitDefinitions>
+<ModelVariables><Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
+<Float64 name="use" valueReference="1" causality="output" unit="l/m" displayUnit="{shown}"/></ModelVariables>
+<ModelStructure><Output valueReference="1"/></ModelStructure></fmiModelDescription>"""
+
+
+@pytest.mark.parametrize(
+    ("attributes", "shown", "expected", "findings"),
+    [
+        ('inverse="true"', "km/l", 12.5, []),
+        ('inverse="1"', "km/l", 12.5, []),
+        ('inverse="true" offset="0.0"', "km/l", 12.5, []),
+        ('inverse="true" offset="3"', "km/l", 12.5, ["display unit 'km/l' is inverse and has an offset."]),
+        ('inverse="true"', "l/100km", 8.0, []),
+        ('inverse="false" offset="3"', "km/l", 0.001 * 8e-5 + 3.0, []),
+    ],
+)
+def test_inverse_display_units(
+    tmp_path: Path, attributes: str, shown: str, expected: float, findings: list[str]
+) -> None:
+    """FMI 3.0, 2.4.3: factor*v + offset, or factor/v for an inverse display unit."""
+    text = FMI_3.format(attributes=attributes, shown=shown)
+    fmu = read_fmu(write_zip(tmp_path / "Car.fmu", {"modelDescription.xml": text}))
+    assert [finding.partition(". ")[0] + "." for finding in fmu.findings] == findings
+    display = fmu.variables["use"].display_unit
+    assert display is not None
+    column = Column("car.use", "l/m", "", display.name, display.factor, display.offset, display.inverse)
+    result = Result(np.array([0.0, 1.0]), np.array([[8e-5], [0.0]]), (column,), False, (), 0, {}, {})
+    assert result.displayed("car.use")[0] == pytest.approx(expected, rel=1e-14)
+    assert np.isfinite(result.displayed("car.use")[1]) != display.inverse
