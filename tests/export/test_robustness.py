@@ -143,6 +143,29 @@ def test_fixed_parameter_may_be_set_again_in_fmi3(fmi3: Path) -> None:
         assert "m is a fixed parameter" in fmu.messages[-1]
 
 
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("step_first", [False, True])
+def test_start_value_of_the_tolerance_may_be_set_again(
+    request: pytest.FixtureRequest, flavour: str, step_first: bool
+) -> None:
+    """The importer gave the experiment another tolerance, which stays; another value is refused."""
+    with Instance(request.getfixturevalue(flavour) / "BallscrewStage.fmu") as fmu:
+        fmu.initialize(tolerance=1e-6)
+        if step_first:
+            fmu.step(0.0, 1e-4)
+        assert fmu.set_status("tolerance", float(fmu.variables["tolerance"].start)) == OK
+        assert fmu.get(["tolerance"]) == [1e-6]
+        assert fmu.set_status("tolerance", 1e-7) == ERROR
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_tolerance_that_the_importer_set_is_fixed_to_that_value(request: pytest.FixtureRequest, flavour: str) -> None:
+    with Instance(request.getfixturevalue(flavour) / "BallscrewStage.fmu") as fmu:
+        fmu.initialize({"tolerance": 1e-7}, tolerance=1e-6)
+        assert fmu.set_status("tolerance", 1e-7) == OK
+        assert fmu.set_status("tolerance", float(fmu.variables["tolerance"].start)) == ERROR
+
+
 # ---- FMU states ----
 
 

@@ -418,10 +418,15 @@ static int refused(Instance *instance, unsigned reference, double value, const c
     return DISCARD;
 }
 
-/* Whether the variable already has this value: some importers set all parameters again after initialization. */
+/* Whether the variable already has this value: some importers set all parameters again after initialization. They set
+   the start value of the integrator's tolerance, too, even if they gave the experiment another tolerance, which stays. */
 static int unchanged(const State *s, unsigned reference, double value) {
     const int role = variables[reference].role;
-    return (role == FIXED || role == TUNABLE) && !(s->phase & BEFORE) && s->v[reference] == value;
+    if ((role != FIXED && role != TUNABLE) || s->phase & BEFORE) return 0;
+#if KIND == PLANT
+    if (reference == PARAMETER_TOLERANCE && !s->tolerance_set && value == variables[reference].start) return 1;
+#endif
+    return s->v[reference] == value;
 }
 
 static int set(Instance *instance, unsigned reference, double value, const char *function) {
