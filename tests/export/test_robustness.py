@@ -105,6 +105,31 @@ def test_broken_memory_functions_of_the_host_do_no_harm(request: pytest.FixtureR
     assert freed == []
 
 
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("name", [b"Achse \xfc", b"\xed\xa0\x80", b"100 %n%s", b"n" * 100_000])
+def test_any_instance_name_is_taken(request: pytest.FixtureRequest, flavour: str, name: bytes) -> None:
+    """Hosts of other times do not name instances in UTF-8."""
+    fmu = Instance(request.getfixturevalue(flavour) / "PPi.fmu")
+    instantiate = fmu.fmu.dll["fmi2Instantiate"]
+    instantiate.restype = ctypes.c_void_p
+    resources = (Path(fmu.folder.name) / "resources").as_uri().encode()
+    guid = fmu.description.guid.encode()
+    fmu.fmu.component = instantiate(name, 1, guid, resources, ctypes.byref(fmu.callbacks), 0, 0)
+    assert fmu.fmu.component
+    fmu.initialize()
+    fmu.step(0.0, 1e-4)
+    fmu.__exit__()
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_message_is_harmless_as_a_format(request: pytest.FixtureRequest, flavour: str) -> None:
+    """Some importers hand the message to printf."""
+    with Instance(request.getfixturevalue(flavour) / "PPi.fmu") as fmu:
+        names = (ctypes.c_char_p * 1)(b"%s%n")
+        assert fmu.status("SetDebugLogging", 1, ctypes.c_size_t(1), names) == ERROR
+        assert "#s#n" in fmu.messages[-1]
+
+
 # ---- fixed parameters set again ----
 
 
