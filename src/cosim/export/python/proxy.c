@@ -75,11 +75,11 @@ static const char *const function_names[] = {"fmi2Instantiate",
                                              "fmi2DeSerializeFMUstate",
                                              "fmi2DoStep"};
 
-typedef struct {
+typedef struct Instance {
     fmi2CallbackFunctions importer;
     fmi2CallbackFunctions own;
     Functions slave_functions;
-    fmi2Component slave;
+    fmi2Component slave; /* of PythonFMU: an instance of another type */
     void *library;
     int dead;            /* a Python exception escaped: PythonFMU has released its objects, nothing may be called */
     unsigned categories; /* bit of each category that is logged */
