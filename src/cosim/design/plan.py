@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..errors import DescriptionError, SimulationError, suggest
+from ..errors import DescriptionError, SimulationError, shortened, suggest
 from ..fmu.places import shipped_file
 from ..fmu.tables import checked
 from ..fmu.text import read_toml
@@ -192,7 +192,7 @@ def _records(system: System, parameters: Sequence[str], points: Sequence[Point])
 
 
 def check_values(variables: Mapping[str, Variable], rows: Sequence[Point]) -> None:
-    """Raise DescriptionError for values that the variables do not accept; it names the first ten."""
+    """Raise DescriptionError for values that the variables do not accept; the first of them are listed."""
     problems: dict[str, None] = {}
     for row in rows:
         for (path, variable), value in zip(variables.items(), row, strict=True):
@@ -200,7 +200,7 @@ def check_values(variables: Mapping[str, Variable], rows: Sequence[Point]) -> No
             if problem:
                 problems[f"parameters.{path}: {problem}"] = None
     if problems:
-        raise DescriptionError(list(problems)[:10])
+        raise DescriptionError(shortened(list(problems)))
 
 
 def _points(data: SweepData, variables: Mapping[str, Variable]) -> tuple[Point, ...]:
