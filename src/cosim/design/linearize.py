@@ -233,9 +233,20 @@ def sampled_controller(
     not linear there, or if none of the inputs moves the output.
     """
     with Simulation(system) as simulation:
-        simulation.restore(simulation.pause(at))
-        fmu = system.instance(instance).fmu
-        held_inputs = {name: simulation.value(instance, name) for name in fmu.inputs}
+        held_inputs = _inputs(simulation, simulation.pause(at), instance)
+    return _sampled(system, instance, held_inputs, inputs=inputs, output=output, step=step)
+
+
+def _inputs(simulation: Simulation, checkpoint: Checkpoint, instance: str) -> dict[str, float]:
+    """The values of the inputs of an instance at a checkpoint."""
+    simulation.restore(checkpoint)
+    return {name: simulation.value(instance, name) for name in checkpoint.system.instance(instance).fmu.inputs}
+
+
+def _sampled(
+    system: System, instance: str, held_inputs: Mapping[str, float], *, inputs: Sequence[str], output: str, step: float
+) -> StateSpace:
+    """``sampled_controller`` with the values ``held_inputs`` at all inputs of the controller."""
     T_s = float(system.step_size) * system.instance(instance).step_multiple
     single = make_system(
         {
@@ -406,7 +417,10 @@ def loop_margins(
     measured = _measured(system, controller, plant, wired[0])
     outputs = sorted({c.source[1] for c in measured})
     inputs = sorted({c.target[1] for c in measured})
-    model = linearize(system, instance=plant, at=at, inputs=[command], outputs=outputs)
+    with Simulation(system) as simulation:
+        checkpoint = simulation.pause(at)
+        model = linearized(simulation, checkpoint, plant, [command], outputs)
+        held_inputs = _inputs(simulation, checkpoint, controller)
     if model.idle_inputs:
         raise DescriptionError(
             f"{plant}.{command} changes nothing at t = {at:g} s, so there is no loop and no margin. It is saturated "
@@ -417,7 +431,7 @@ def loop_margins(
             f"{plant}.{model.idle_outputs[0]} has no derivative at t = {at:g} s: it is rounded. Set the resolution of "
             f"{plant} to 0 for the margins."
         )
-    sampled = sampled_controller(system, controller, at=at, inputs=inputs, output=command, step=step)
+    sampled = _sampled(system, controller, held_inputs, inputs=inputs, output=command, step=step)
     T_s = cast(float, sampled.T_s)
     wires = np.zeros((len(inputs), len(outputs)))
     for connection in measured:

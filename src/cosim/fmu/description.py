@@ -20,7 +20,7 @@ from platform import machine
 from types import MappingProxyType
 from typing import Any
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, listed
 from ..units import Unit, resolve_unit
 from .archive import checked_members, opened, repeated, unpack
 from .reading import read_description
@@ -32,6 +32,10 @@ MAX_DESCRIPTION_BYTES = 64 * 2**20
 
 ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:\s*,\s*\d+)*)\]")
 """Name of an array element: ``a[1]``, or ``a[1,2]`` in an array of two dimensions."""
+
+
+SHOWN_CLOCKS = 5
+"""Largest number of clocks that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -299,7 +303,7 @@ def _obstacles(model: Any, version: int) -> list[str]:
         return ["only for model exchange. Export it for co-simulation."]
     clocks = [v.name for v in model.modelVariables if v.type == "Clock"]
     if clocks:
-        shown = ", ".join(clocks[:5]) + (" ..." if len(clocks) > 5 else "")
+        shown = listed(clocks, SHOWN_CLOCKS)
         return [f"its model has clocks ({shown}), and cosim activates no clocks. Export it without them."]
     return []
 
