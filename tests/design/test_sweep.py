@@ -148,7 +148,7 @@ def test_the_report_shows_heat_maps(make: Callable[..., Sweep], tmp_path: Path) 
     rows = rows_of(tmp_path / "data")
     for name in figures:
         values = rows[name]
-        spread = f"| {name} | {min(values):.6g} | {float(np.median(values)):.6g} | {max(values):.6g} |"
+        spread = f"| {name} | m | {min(values):.6g} | {float(np.median(values)):.6g} | {max(values):.6g} |"
         assert f"{spread} {values.index(max(values))} |" in text
         assert f"]({name}.png)" in text
         assert (tmp_path / "data" / f"{name}.png").stat().st_size > 5000

@@ -127,7 +127,7 @@ def _show(
         "margins": None if found is None else vars(found),
         "notes": notes,
     }
-    rows: list[tuple[str, ...]] = [("", "State space in SI units", "Unit")]
+    rows: list[tuple[str, ...]] = [("", "State space in these units", "Unit")]
     names = (*model.states, *model.inputs)
     for left, right, labels in ((model.A, model.B, model.states), (model.C, model.D, model.outputs)):
         for label, x, u in zip(labels, left.tolist(), right.tolist(), strict=True):

@@ -45,7 +45,10 @@ Neighbours differ by 0.23 %; crossings are interpolated between them.
 
 @dataclass(frozen=True)
 class StateSpace:
-    """Linear model in SI units: der(x) = A*x + B*u, or x[k+1] = A*x[k] + B*u[k] with ``T_s``; y = C*x + D*u."""
+    """Linear model in the units of the FMU's variables.
+
+    der(x) = A*x + B*u, or x[k+1] = A*x[k] + B*u[k] with ``T_s``; y = C*x + D*u.
+    """
 
     A: Array
     B: Array
