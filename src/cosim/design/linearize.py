@@ -24,10 +24,13 @@ from ..errors import DescriptionError
 from ..extras import import_extra
 from ..fmu.places import find_system, has_ending
 from ..master.simulation import Checkpoint, Simulation
+from ..public import public_names
 from ..result.metrics import Array
 from ..system.parts import Connection
 from ..system.system import System, make_system, read_system
 from .names import nctf_names
+
+__dir__ = public_names(globals())
 
 MARKOV = 60
 """Number of samples of the step response from which a controller is realized: twice the largest possible order."""

@@ -84,7 +84,7 @@ class Fmu:
     stop_time: float | None
     step_size: float | None
     tolerance: float | None
-    """Times, step and tolerance of DefaultExperiment, where the file states them."""
+    """Times, step and tolerance of DefaultExperiment; None where the file states none, or none that can be meant."""
     platforms: tuple[str, ...]
     library: str | None
     """The archive member to load on this machine; None if the FMU has no binary for it."""
@@ -222,7 +222,7 @@ def _describe(  # noqa: PLR0917
         obstacles = [_no_binary(folders, identifier, extension, names)]
     units = {unit.name: unit for unit in model.unitDefinitions}
     dependencies, unstated = read_dependencies(model, variables)
-    times = {name: _time(model.defaultExperiment, name, findings) for name in TIMES}
+    times = _experiment(model.defaultExperiment, findings)
     return Fmu(
         path=path,
         fmi=version,
@@ -256,14 +256,39 @@ def _describe(  # noqa: PLR0917
 TIMES = ("startTime", "stopTime", "stepSize", "tolerance")
 
 
-def _time(experiment: Any, name: str, findings: list[str]) -> float | None:
-    """A number of DefaultExperiment; None if it is missing or not a number."""
+def _experiment(experiment: Any, findings: list[str]) -> dict[str, float | None]:
+    """The numbers of DefaultExperiment. One that cannot be meant is a finding and counts as missing (None)."""
+    given = {name: _number(experiment, name, findings) for name in TIMES}
+
+    def leave_out(name: str, reason: str) -> None:
+        findings.append(f"DefaultExperiment: {name} is {given[name]:g}{reason}. Left out.")
+        given[name] = None
+
+    start, stop, step, tolerance = (given[name] for name in TIMES)
+    if stop is not None and stop < (start or 0.0):
+        leave_out("stopTime", f" s, before startTime = {start or 0.0:g} s")
+        stop = None
+    length = None if stop is None else stop - (start or 0.0)
+    if step is not None and step <= 0.0:
+        leave_out("stepSize", " s; a step is longer than 0 s")
+    elif step is not None and length and step > length:
+        leave_out("stepSize", f" s, longer than the experiment of {length:g} s")
+    if tolerance is not None and not 0.0 < tolerance < 1.0:
+        leave_out("tolerance", "; a relative tolerance lies between 0 and 1")
+    return given
+
+
+def _number(experiment: Any, name: str, findings: list[str]) -> float | None:
+    """A number of DefaultExperiment; None if it is missing or not a finite number."""
     text = None if experiment is None else getattr(experiment, name)
     try:
-        return None if text is None else float(text)
+        number = None if text is None else float(text)
     except ValueError:
-        findings.append(f"DefaultExperiment: {name} is '{text}', which is no number. Left out.")
+        number = math.nan
+    if number is not None and not math.isfinite(number):
+        findings.append(f"DefaultExperiment: {name} is '{text}', which is no finite number. Left out.")
         return None
+    return number
 
 
 def _obstacles(model: Any, version: int) -> list[str]:

@@ -20,6 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..public import public_names
+
+__dir__ = public_names(globals())
 
 Array = NDArray[np.float64]
 

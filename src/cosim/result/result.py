@@ -93,6 +93,9 @@ class Result:
     def displayed(self, name: str) -> NDArray[np.float64]:
         """The values of a variable in its display unit."""
         column = self.column(name)
+        if column.display_inverse:
+            with np.errstate(divide="ignore"):  # the inverse of 0 is infinite
+                return column.display_factor / self[name]
         return column.display_factor * self[name] + column.display_offset
 
     def to_dataframe(self, *, units: bool = False) -> Any:

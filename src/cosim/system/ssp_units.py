@@ -95,6 +95,22 @@ class ConnectorUnits:
         """The unit of a connector."""
         return self.stated(end) or self.own(end)
 
+    def contradicted(self) -> list[End]:
+        """The variables of FMUs for which the SSD states a unit that is not the one in the FMU."""
+        found: list[End] = []
+        for part in self.parts.values():
+            for end in ((part.path, name) for name in part.connectors if part.fmu is not None):
+                own, stated = self.own(end), self.stated(end)
+                if own is None or stated is None or own.meaning is None or stated.meaning is None:
+                    continue
+                try:
+                    same = conversion(own, stated, "") == (1.0, 0.0)
+                except DescriptionError:
+                    same = False
+                if not same:
+                    found.append(end)
+        return found
+
     def differs(self, end: End) -> bool:
         """Whether the unit of a connector differs from the unit of its variable in the FMU alone."""
         fmu, own, unit = self.parts[end[0]].fmu, self.own(end), self.unit(end)
