@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
 from ..extras import require
 from .console import Bar, check_files, fmus_argument, make_table, print_error, standard_output, write_files
 from .parser import EXIT_CODES, count
+
+if TYPE_CHECKING:
+    from ..study import Status
+
+COLOURS: Mapping[Status, str] = {
+    "reproduced": "green",
+    "agrees": "green",
+    "fitted": "cyan",
+    "transferred": "magenta",
+    "order only": "yellow",
+    "not reproduced": "red",
+    "differs": "red",
+    "finding": "dim",
+    "not checkable": "dim",
+    "not run": "dim",
+}
+"""The colour of each verdict in the table."""
 
 
 def add(commands: Any) -> None:
@@ -60,7 +78,7 @@ def main(
     Returns 0, or 1 if a run failed. A claim that does not hold is a finding, not a failure.
     """
     from ..study import Outcome, find_study, judge, load_study, matching_runs, run_study
-    from ..study.report import KINDS, STYLES, counts, values, write_report
+    from ..study.report import KINDS, counts, values, write_report
 
     require("matplotlib", "the report of a study")
     folder = find_study(name)
@@ -90,8 +108,8 @@ def main(
                 continue  # the line below counts them; the report has them all
             claim = verdict.claim
             measured = values(verdict.measured, claim) if verdict.measured else verdict.reason
-            style = STYLES[verdict.status]
-            table.add_row(claim.id, escape(claim.text), escape(measured), f"[{style}]{verdict.status}[/]")
+            status = f"[{COLOURS[verdict.status]}]{verdict.status}[/]"
+            table.add_row(claim.id, escape(claim.text), escape(measured), status)
         console.print(table)
         said = ", ".join(f"{count} {status}" for status, count in counts(verdicts, kind).items())
         console.print(f"{title}: {said}. {text}")
