@@ -194,7 +194,10 @@ class Simulation:
             return run.resume(values, progress, interrupted)
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Give every instance the state that it had at ``checkpoint``. Raises CallError."""
+        """Give every instance the state that it had at ``checkpoint``.
+
+        Raises CallError, or DescriptionError if the simulation is closed.
+        """
         if not self._slaves:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         for slave, state in checkpoint.saved:
