@@ -29,8 +29,8 @@ from typing import Any, BinaryIO, Self, TypeVar, cast
 from ..errors import CosimError, DescriptionError, FileError, SimulationError
 from ..files import reason, temporary_folder, temporary_variables
 from ..master.child import Channel, high, sent
+from ..master.interrupts import ENDING
 from ..master.process import FmuProcess, signal_text
-from ..master.signals import ENDING
 from ..master.simulation import Simulation
 from ..result.result import Result
 from ..system.system import System, make_system

@@ -24,9 +24,9 @@ from . import loop
 from .board import DRAINED, FINISHED, IN_CALL, IN_LOOP, STEPPING, STOP, Board
 from .child import Assignment, Ending, sent
 from .instance import MAX_TEXT, CallError, RunError, log_message
+from .interrupts import Presses, counted
 from .process import FmuProcess, fork_process, may_fork, shared_memory, signal_text, start_process
 from .run import Interrupted, Progress, check_memory, make_result, row_times
-from .signals import Presses, counted
 
 POLL_SECONDS = 0.05
 """Time between two looks of the watching process. A message or the end of the run wakes it at once."""

@@ -48,11 +48,11 @@ from ..result.result import Result
 from ..system.system import System
 from ..system.values import start_value
 from .instance import CallError, FmuInstance
+from .interrupts import Presses, counted
 from .isolation import simulate_isolated
 from .loading import loaded
 from .program import Program, make_program, same_program
 from .run import Progress, Run
-from .signals import Presses, counted
 
 
 def simulate(
