@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from rich.markup import escape
 
-from ..errors import CosimError, DescriptionError
+from ..errors import CosimError, DescriptionError, listed
 from .compare import comparison_content, show_comparison
 from .console import (
     Bar,
@@ -410,9 +410,8 @@ def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
 def _not_finite(wrong: Mapping[str, float]) -> str:
     """A sentence about the variables that are not finite, in the order of the times from which they are not."""
     first = sorted(wrong.items(), key=lambda item: item[1])
-    shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
-    more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
-    return f"{shown}{more}. No figure is computed from these."
+    shown = listed([f"{name} is not finite from {time:.9g} s on" for name, time in first], MAX_SHOWN_NAMES)
+    return f"{shown}. No figure is computed from these."
 
 
 def _said(result: Result) -> list[str]:

@@ -227,7 +227,8 @@ def table_costs(runs: AxisRuns, tables: Tables, t_c: Array) -> Array:
 def peak_time(error: Array) -> float:
     """Position of the largest magnitude in samples, from a parabola fitted to the samples of the peak.
 
-    Rounding of the error makes the top flat, so that the largest sample alone is not unique.
+    Rounding of the error makes the top flat, so that the largest sample alone is not unique. Raises DescriptionError
+    for an error without a peak.
     """
     size = np.abs(error)
     top = int(np.argmax(size))

@@ -60,7 +60,10 @@ _log = logging.getLogger(__name__)
 
 
 def jury_stable(coefficients: Sequence[float] | Array) -> bool:
-    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test)."""
+    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test).
+
+    Raises DescriptionError if the highest coefficient is 0.
+    """
     row = np.asarray(coefficients, dtype=np.float64)
     if row.size == 0 or row[0] == 0.0:
         raise DescriptionError("the highest coefficient is 0.")
@@ -169,7 +172,8 @@ def nctf_spectral_radius(
 def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float = 0.0, delay: int = 0) -> float:
     """Largest stable K_P of NCTF control on a linear plant (see ``nctf_spectral_radius``).
 
-    With K_I = 0 the eigenvalue 1 of the unused integrator does not count.
+    With K_I = 0 the eigenvalue 1 of the unused integrator does not count. Raises DescriptionError if no K_P from 1e-6
+    to 1e6 is stable.
     """
     bound = 1.0 + 1e-9
 
@@ -332,7 +336,7 @@ def limit_map(
 
     ``K`` in m/s for a unit of command is the constant of the gain formulas. The scan of a loop begins at
     ``start_share`` of the case's ultimate gain. ``progress`` gets the number of searches done and the total. Names,
-    ``timeout`` and errors are as in ``practical_limit``.
+    ``timeout`` and errors are as in ``practical_limit``. Raises DescriptionError, too, for a case without such a limit.
     """
     names = nctf_names()
     gain = gain or names.of_controller(names.controller.proportional)
