@@ -7,7 +7,8 @@
     stability   linear and practical limits of NCTF control, maps of limits
     pulse       learning of friction pulses
     tune        parameters by optimization
-    linearize   state space and sampled-loop margins from directional derivatives
+    linearize   state space from directional derivatives
+    margins     margins of sampled loops
 
 They know FMI and names given as arguments, never a component.
 """
