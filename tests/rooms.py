@@ -14,7 +14,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted(path.relative_to(ROOT).as_posix() for top in ("src", "fmus") for path in (ROOT / top).rglob("*.py"))
 TRAVELLING = ("cosim.errors", "cosim.units", "cosim.model")
-BASE = (*TRAVELLING, "cosim.version", "cosim.files", "cosim.extras")
+BASE = (*TRAVELLING, "cosim.version", "cosim.public", "cosim.files", "cosim.extras")
 
 
 class Room(NamedTuple):
@@ -28,6 +28,7 @@ class Room(NamedTuple):
 ROOMS = (
     # From the bottom to the top: a room imports only rooms above it in this table, and of those only the named ones.
     Room("cosim.version"),
+    Room("cosim.public"),
     Room("cosim.errors"),
     Room("cosim.files", ["cosim.errors"]),
     Room("cosim.extras", ["cosim.errors"]),

@@ -29,12 +29,15 @@ from ..files import write_file
 from ..fmu import tables
 from ..fmu.places import has_ending
 from ..master.simulation import simulate
+from ..public import public_names
 from ..record.read import read_record
 from ..result.metrics import Array
 from ..system.system import System, read_system
 from ..units import conversion
 from .fit_statistics import fast_noise
 from .names import nctf_names
+
+__dir__ = public_names(globals())
 
 POSITIONS, VELOCITIES = ("m", "rad"), ("m/s", "rad/s")
 """SI units of the positions and velocities from which an NCT is identified."""

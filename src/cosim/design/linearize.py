@@ -21,9 +21,12 @@ from ..errors import DescriptionError
 from ..extras import import_extra
 from ..fmu.places import find_system, has_ending
 from ..master.simulation import Checkpoint, Simulation
+from ..public import public_names
 from ..result.metrics import Array
 from ..system.system import System, make_system, read_system
 from .names import nctf_names
+
+__dir__ = public_names(globals())
 
 DEPENDENT = 1e-12
 """Singular values of normalized rows below this share of the largest count as 0: the rows come from one expression."""

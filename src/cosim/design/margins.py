@@ -19,10 +19,13 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
+from ..public import public_names
 from ..result.metrics import Array
 from ..system.system import System, read_system
 from .linearize import StateSpace, linearize
 from .rest_of_loop import rest_of_loop
+
+__dir__ = public_names(globals())
 
 FREQUENCIES = 4000
 """Number of frequencies at which margins are searched, over four decades up to half of the sampling frequency.

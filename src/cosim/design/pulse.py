@@ -37,10 +37,13 @@ import numpy as np
 from ..errors import DescriptionError
 from ..files import write_file
 from ..fmu import tables
+from ..public import public_names
 from ..result.metrics import Array
 from ..system.system import System, read_system
 from .names import AxisNames, axis_names
 from .reversals import LEAD_OUT, Axis, AxisRuns, Job, Pulse
+
+__dir__ = public_names(globals())
 
 ACCELERATIONS = (2e-3, 10e-3, 40e-3, 120e-3)
 """Reverse accelerations at which durations are learned, m/s2; the first and last bound the tables."""

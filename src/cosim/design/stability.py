@@ -34,6 +34,7 @@ from ..errors import CosimError, DescriptionError
 from ..fmu.places import shipped_file
 from ..fmu.tables import read_table
 from ..master.simulation import Simulation
+from ..public import public_names
 from ..result.metrics import Array
 from ..result.result import Result
 from ..system.system import System, read_system
@@ -44,6 +45,8 @@ from .names import nctf_names
 from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
 from .workers import Loadable, Worker, WorkerError
+
+__dir__ = public_names(globals())
 
 SERIES_BELOW = 0.05
 """Below this alpha*T, differences of nearly equal numbers are computed from their series to avoid cancellation."""

@@ -28,12 +28,17 @@ if TYPE_CHECKING:
 
 MAX_PAIRS = 6
 """Largest number of pairs of parameters that get a map for each figure: all pairs of four parameters."""
+REPORT = "report.md"
+"""Name of the report in the folder of the runs."""
 SHOWN = 10
 """Largest number of best runs, and of failed runs, in a table of the report."""
 
 
 def write_report(runs: Runs) -> Path:
-    """Write ``report.md`` and a picture for each figure into the folder of the runs; returns the report's path."""
+    """Write ``report.md`` and a picture for each figure into the folder of the runs; returns the report's path.
+
+    Raises FileError if one of them cannot be written.
+    """
     folder, about, columns, spreads = runs.folder, runs.about, runs.columns, runs.spreads
     parameters: list[str] = about["parameters"]
     failed = [(run, error) for run, error in zip(columns["run"], columns["error"], strict=True) if error]
@@ -69,8 +74,7 @@ def write_report(runs: Runs) -> Path:
         if len(failed) > SHOWN:
             lines.append(f"- and {len(failed) - SHOWN} more")
         lines.append("")
-    path = folder / "report.md"
-    return write_file(path, "\n".join(lines))
+    return write_file(folder / REPORT, "\n".join(lines))
 
 
 @dataclass(frozen=True)
