@@ -147,11 +147,6 @@ def test_one_simulation_runs_variants_of_its_program(tmp_path: Path, order: obje
     assert shared == [alone[0], alone[1], alone[0]]
 
 
-def test_the_digest_tells_the_decimation(tmp_path: Path) -> None:
-    system = probe(tmp_path, stop_time=1, step_size=Decimal("0.1"))
-    assert system.changed(decimation=2).digest != system.digest
-
-
 @pytest.mark.parametrize(
     ("decimation", "text"),
     [

@@ -264,7 +264,10 @@ def _coasting(place: Array, rate: Array, end: int) -> tuple[int, int, float]:
 def linear_part(
     error: Array, rate: Array, *, alpha: float | None, e_lin: float | None, spring_back: float
 ) -> tuple[float, float]:
-    """Slope in 1/s and end in m of the linear part of a curve. One of them is given, or the spring-back is the end."""
+    """Slope in 1/s and end in m of the linear part of a curve. One of them is given, or the spring-back is the end.
+
+    ``error`` in m and ``rate`` in m/s have the shape (points,). Raises DescriptionError if it is not on the curve.
+    """
     low, high = float(error[0]), float(error[-1])
     if alpha is not None:
         above = np.flatnonzero(rate >= alpha * error)

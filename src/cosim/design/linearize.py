@@ -155,7 +155,10 @@ def linearized(
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
 ) -> StateSpace:
-    """The state space of an instance at a checkpoint."""
+    """The state space of an instance at a checkpoint.
+
+    Raises DescriptionError for wrong names, CallError if the FMU does not give derivatives.
+    """
     fmu = checkpoint.system.instance(instance).fmu
     rates = {v.derivative_of: v.name for v in fmu.variables.values() if v.derivative_of is not None}
     reals = {name for name, v in fmu.variables.items() if v.type == "Real"}
@@ -352,7 +355,7 @@ def spectral_radius(A: Array, B: Array, C: Array) -> float:
 
 
 def margins(loop: StateSpace) -> Margins:
-    """Margins of the sampled loop L, closed with negative feedback."""
+    """Margins of the sampled loop L, closed with negative feedback. Raises DescriptionError for a continuous model."""
     if loop.T_s is None:
         raise DescriptionError("margins of a sampled loop need a sampled model: give one with T_s.")
     closed = loop.A - loop.B @ loop.C / (1.0 + float(loop.D[0, 0]))

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from ..errors import CosimError, DescriptionError
 from ..fmu.places import shipped_file
 from ..fmu.tables import read_table
+from ..master.failure import ProcessError
 from ..master.simulation import Simulation
 from ..public import public_names
 from ..result.metrics import Array
@@ -45,7 +46,7 @@ from .names import nctf_names
 from .quantities import gain_factor, si_factor
 from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
-from .workers import Loadable, Worker, WorkerError
+from .workers import Loadable, Worker
 
 __dir__ = public_names(globals())
 
@@ -59,7 +60,10 @@ _log = logging.getLogger(__name__)
 
 
 def jury_stable(coefficients: Sequence[float] | Array) -> bool:
-    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test)."""
+    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test).
+
+    Raises DescriptionError if the highest coefficient is 0.
+    """
     row = np.asarray(coefficients, dtype=np.float64)
     if row.size == 0 or row[0] == 0.0:
         raise DescriptionError("the highest coefficient is 0.")
@@ -168,7 +172,8 @@ def nctf_spectral_radius(
 def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float = 0.0, delay: int = 0) -> float:
     """Largest stable K_P of NCTF control on a linear plant (see ``nctf_spectral_radius``).
 
-    With K_I = 0 the eigenvalue 1 of the unused integrator does not count.
+    With K_I = 0 the eigenvalue 1 of the unused integrator does not count. Raises DescriptionError if no K_P from 1e-6
+    to 1e6 is stable.
     """
     bound = 1.0 + 1e-9
 
@@ -204,7 +209,7 @@ def practical_limit(
     ``overrides`` are start values of all runs, ``stop_time`` is their end in s (None: that of the system), ``timeout``
     the time limit of a run in s, ``swing`` the smallest oscillation in m. Names are INSTANCE.VARIABLE (default: those
     of the study). A ``Simulation`` is run with the FMUs that it has loaded. Raises DescriptionError for wrong names or
-    values, SimulationError for a run that fails, WorkerError for a run that crashes or hangs.
+    values, SimulationError for a run that fails, ProcessError for a run that crashes or hangs.
     """
     names = nctf_names()
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
@@ -242,8 +247,8 @@ class _Trials:
         def found(value: float) -> bool:
             try:
                 result = self.worker.evaluate(loadable, {**changes, self.gain: value}, look, self.limit)
-            except WorkerError as error:
-                raise WorkerError(f"{self.system.name} at {self.gain} = {value:g}: {error}") from None
+            except ProcessError as error:
+                raise error.of(f"{self.system.name} at {self.gain} = {value:g}") from None
             self.limit.learn(self.worker.seconds)
             return result.sustained
 
@@ -331,7 +336,7 @@ def limit_map(
 
     ``K`` in m/s for a unit of command is the constant of the gain formulas. The scan of a loop begins at
     ``start_share`` of the case's ultimate gain. ``progress`` gets the number of searches done and the total. Names,
-    ``timeout`` and errors are as in ``practical_limit``.
+    ``timeout`` and errors are as in ``practical_limit``. Raises DescriptionError, too, for a case without such a limit.
     """
     names = nctf_names()
     gain = gain or names.of_controller(names.controller.proportional)
