@@ -236,10 +236,10 @@ class BristleBallscrew(RigidBallscrew):
         """Deflection of the bristle at the start [rad]."""
         return self.bristle_start * steady_bristle(speed, self.level(0.0, speed), self.sigma_0)
 
-    def torque(self, x: State, rate: float, level: float) -> float:
+    def torque(self, x: State, rate: float) -> float:
         """Friction torque [N.m] while the deflection of the bristle changes at ``rate`` [rad/s]."""
         return friction(
-            counted(x.bristle, level),
+            counted(x.bristle, self.friction_scale),
             rate,
             x.speed,
             sigma_0=self.sigma_0,
@@ -250,4 +250,4 @@ class BristleBallscrew(RigidBallscrew):
     def lugre(self, x: State, level: float) -> tuple[float, float]:
         """Rate of the bristle [rad/s] and friction torque [N.m] of LuGre friction with ``level`` [N.m]."""
         rate = bristle_rate(x.bristle, x.speed, level, self.sigma_0)
-        return rate, self.torque(x, rate, level)
+        return rate, self.torque(x, rate)

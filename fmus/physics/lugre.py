@@ -8,7 +8,8 @@
 subtracted from the driving force. Without Stribeck effect F_S equals F_C, and v_s is any positive number; F_S below
 F_C is friction that rises with speed. v_d = 0 stands for a constant sigma_1. F_C and F_S are both positive or both
 0: otherwise the level falls to 0 in sliding or at standstill, and der(z) grows without bound (``contact_rules``). A
-level of 0 means that there is no contact: z stays where it is but does not count, only sigma_2*speed is left.
+level of 0 means that there is no contact: z stays where it is. It must not count then (``counted``): only
+sigma_2*speed is left.
 Every expression and its derivatives are finite for finite arguments.
 
 Valid for one contact at constant normal load. The model is surely passive where sigma_1 < 4*level/abs(speed). With
@@ -157,9 +158,9 @@ def damping_rule(v_d: float, name: str = "v_d") -> Rule:
     )
 
 
-def counted(z: float, level: float) -> float:
-    """The part of a deflection or force ``z`` that counts: nothing where ``level`` is 0, that is without contact."""
-    return where(level > 0.0, z, 0.0)
+def counted(z: float, load: float) -> float:
+    """The part of a deflection or force ``z`` that counts: nothing where the factor ``load`` on the level is 0."""
+    return where(load > 0.0, z, 0.0)
 
 
 def friction(z: float, z_rate: float, speed: float, *, sigma_0: float, sigma_1: float, sigma_2: float) -> float:

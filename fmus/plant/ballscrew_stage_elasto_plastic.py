@@ -68,8 +68,8 @@ class BallscrewStageElastoPlastic(BristleBallscrew):
 
     def derivative(self, t: float, x: BristleBallscrew.State, u: BristleBallscrew.Input) -> BristleBallscrew.State:
         rate = self.rate(t, x)
-        torque = self.torque(x, rate, self.level(t, x.speed))
+        torque = self.torque(x, rate)
         return self.State(angle=x.speed, speed=self.acceleration(u, self.drive(u), torque), bristle=rate, table=0.0)
 
     def output(self, t: float, x: BristleBallscrew.State, u: BristleBallscrew.Input) -> BristleBallscrew.Output:
-        return self.measured(x, self.torque(x, self.rate(t, x), self.level(t, x.speed)))
+        return self.measured(x, self.torque(x, self.rate(t, x)))

@@ -94,7 +94,9 @@ class BallscrewStageMaxwellSlip(RigidBallscrew):
         )
         mean = (a + b + c + d) / sum(self.k)
         damping = bristle_damping(x.speed, self.sigma_1, self.v_d)
-        return (a, b, c, d), counted(sum(x.element), level) + damping * mean + self.viscous(x.speed) * x.speed
+        return (a, b, c, d), counted(sum(x.element), self.friction_scale) + damping * mean + self.viscous(
+            x.speed
+        ) * x.speed
 
     def derivative(self, t: float, x: State, u: RigidBallscrew.Input) -> State:
         rates, torque = self.friction(t, x)

@@ -249,10 +249,9 @@ class CompliantBallscrew(Plant):
 
     def _frictions(self, t: float, x: State) -> tuple[float, float, float, float]:
         """Bristle rate [rad/s] and friction [N.m] at the screw, bristle rate [m/s] and friction [N] at the guide."""
-        level = self.screw_level(t, x.speed)
-        rate = bristle_rate(x.bristle, x.speed, level, self.sigma_0)
+        rate = bristle_rate(x.bristle, x.speed, self.screw_level(t, x.speed), self.sigma_0)
         torque = friction(
-            counted(x.bristle, level),
+            counted(x.bristle, self.friction_scale),
             rate,
             x.speed,
             sigma_0=self.sigma_0,
@@ -264,10 +263,9 @@ class CompliantBallscrew(Plant):
         guide_sigma_2 = where(x.velocity < 0.0, self.guide_sigma_2 * self.sigma_2_negative, self.guide_sigma_2)
         if not self.guide_friction:
             return rate, torque, 0.0, guide_sigma_2 * x.velocity
-        guide_level = self.guide_level(t, x.velocity)
-        guide_rate = bristle_rate(x.guide_bristle, x.velocity, guide_level, self.guide_sigma_0)
+        guide_rate = bristle_rate(x.guide_bristle, x.velocity, self.guide_level(t, x.velocity), self.guide_sigma_0)
         force = friction(
-            counted(x.guide_bristle, guide_level),
+            counted(x.guide_bristle, self.friction_scale),
             guide_rate,
             x.velocity,
             sigma_0=self.guide_sigma_0,

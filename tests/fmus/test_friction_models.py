@@ -133,7 +133,7 @@ def test_power_is_stored_or_dissipated_on_random_states():
         z = float(generator.uniform(-1.2, 1.2)) * F_S / SIGMA_0
         x = ELASTIC.State(speed=speed, bristle=z)
         rate = ELASTIC.rate(0.0, x)
-        least = min(least, ELASTIC.torque(x, rate, ELASTIC.level(0.0, speed)) * speed - SIGMA_0 * z * rate)
+        least = min(least, ELASTIC.torque(x, rate) * speed - SIGMA_0 * z * rate)
         held = tuple(float(generator.uniform(-1.2, 1.2)) * part * F_S for part in SLIP.alpha)
         y = SLIP.State(speed=speed, element=held, slips=tuple(map(float, generator.integers(0, 2, 4))))  # type: ignore[arg-type]
         rates, torque = SLIP.friction(0.0, y)

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DescriptionError
-from ..files import temporary_folder
+from ..files import forbidden_library, temporary_folder
 from ..reference import fmi_ls_ref as lsref
 from .fmi_ls_ref import ReferenceExperiment, Tolerance
 from .jobs import (
@@ -268,7 +268,8 @@ def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str) -> 
         try:
             result = simulate(folder, model_description=model, remote_platform=None, **job)
         except Exception as error:  # FMPy raises bare exceptions
-            pipe.send((f"{str(error).strip().rstrip('.') or type(error).__name__}.", None))
+            text = f"{str(error).strip().rstrip('.') or type(error).__name__}."
+            pipe.send((text + forbidden_library(text), None))
         else:
             pipe.send(("", {name: np.array(result[name]) for name in result.dtype.names or ()}))
         finally:
