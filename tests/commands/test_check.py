@@ -78,8 +78,8 @@ def test_an_fmu_that_ends_its_process_is_named(tmp_path: Path, cosim: Command, g
 
 
 def test_an_initialization_without_end_is_ended(tmp_path: Path) -> None:
-    found = try_system(read_system(ending(tmp_path), {"gain": 4}), seconds=3.0)
-    assert found.problem == "E is not initialized after 3 s."
+    found = try_system(read_system(ending(tmp_path), {"gain": 4}), seconds=6.0)
+    assert found.problem == "E is not initialized after 6 s."
 
 
 def test_problems_as_json(tmp_path: Path, cosim: Command) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, check_files, check_page, common_arguments, print_note, show, write_files
-from .parser import count
+from .parser import RUN_LIMIT, count, timeout_argument
 from .systems import base_argument
 
 if TYPE_CHECKING:
@@ -27,13 +28,14 @@ def add(commands: Any) -> None:
         "cosim fit docs/examples/your_machine/motor_fit.toml --output results/motor",
     )
     fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
-    fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
+    fit.add_argument("--dry-run", action="store_true", help="show what the records would tell; fit and write nothing")
     fit.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and a .csv for each record"
     )
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
     base_argument(fit, "start.toml", "that of FIT")
     fit.add_argument("--workers", type=count, metavar="N", help="processes (default: one a core)")
+    timeout_argument(fit, "a run", f"timeout in FIT, else {RUN_LIMIT}")
     common_arguments(fit, _fit)
 
 
@@ -41,10 +43,14 @@ def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
     from ..fmu.places import base_name, shipped_file
 
+    if options.dry_run and (options.output or options.report):
+        print_note("note: --dry-run writes nothing: --output and --report are left out.")
+        options.output = options.report = None
     check_page(options.report)
     start = None if options.output is None else options.output / "start.toml"
     check_files(start)
     problem = fit.read_fit(options.file, fmus=options.fmus)
+    problem = replace(problem, timeout=options.timeout or problem.timeout)
     base = None
     if start is not None:
         base = base_name(options.base or shipped_file(problem.system, problem.folder), start)

@@ -33,17 +33,22 @@ from numpy.typing import NDArray
 from ..errors import CosimError, DescriptionError
 from ..fmu.places import shipped_file
 from ..fmu.tables import read_table
+from ..master.failure import ProcessError
 from ..master.simulation import Simulation
+from ..public import public_names
 from ..result.metrics import Array
 from ..result.result import Result
 from ..system.system import System, read_system
 from .documents import MapData
-from .identify import identify_nct
+from .identify import POSITIONS, identify_nct
 from .linearize import StateSpace
 from .names import nctf_names
+from .quantities import gain_factor, si_factor
 from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
-from .workers import Loadable, Worker, WorkerError
+from .workers import Loadable, Worker
+
+__dir__ = public_names(globals())
 
 SERIES_BELOW = 0.05
 """Below this alpha*T, differences of nearly equal numbers are computed from their series to avoid cancellation."""
@@ -55,7 +60,10 @@ _log = logging.getLogger(__name__)
 
 
 def jury_stable(coefficients: Sequence[float] | Array) -> bool:
-    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test)."""
+    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test).
+
+    Raises DescriptionError if the highest coefficient is 0.
+    """
     row = np.asarray(coefficients, dtype=np.float64)
     if row.size == 0 or row[0] == 0.0:
         raise DescriptionError("the highest coefficient is 0.")
@@ -164,7 +172,8 @@ def nctf_spectral_radius(
 def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float = 0.0, delay: int = 0) -> float:
     """Largest stable K_P of NCTF control on a linear plant (see ``nctf_spectral_radius``).
 
-    With K_I = 0 the eigenvalue 1 of the unused integrator does not count.
+    With K_I = 0 the eigenvalue 1 of the unused integrator does not count. Raises DescriptionError if no K_P from 1e-6
+    to 1e6 is stable.
     """
     bound = 1.0 + 1e-9
 
@@ -200,11 +209,12 @@ def practical_limit(
     ``overrides`` are start values of all runs, ``stop_time`` is their end in s (None: that of the system), ``timeout``
     the time limit of a run in s, ``swing`` the smallest oscillation in m. Names are INSTANCE.VARIABLE (default: those
     of the study). A ``Simulation`` is run with the FMUs that it has loaded. Raises DescriptionError for wrong names or
-    values, SimulationError for a run that fails, WorkerError for a run that crashes or hangs.
+    values, SimulationError for a run that fails, ProcessError for a run that crashes or hangs.
     """
     names = nctf_names()
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
     if isinstance(source, Simulation):
+        swing /= si_factor(source.system, position, *POSITIONS)
         variant = source.system.changed(overrides)
         simulation = source
         return search_limit(
@@ -212,6 +222,7 @@ def practical_limit(
         )
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
+    swing /= si_factor(system, position, *POSITIONS)
     with Worker() as worker:
         trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing)
         return search_limit(trials.oscillates({}), first, last)
@@ -236,8 +247,8 @@ class _Trials:
         def found(value: float) -> bool:
             try:
                 result = self.worker.evaluate(loadable, {**changes, self.gain: value}, look, self.limit)
-            except WorkerError as error:
-                raise WorkerError(f"{self.system.name} at {self.gain} = {value:g}: {error}") from None
+            except ProcessError as error:
+                raise error.of(f"{self.system.name} at {self.gain} = {value:g}") from None
             self.limit.learn(self.worker.seconds)
             return result.sustained
 
@@ -325,7 +336,7 @@ def limit_map(
 
     ``K`` in m/s for a unit of command is the constant of the gain formulas. The scan of a loop begins at
     ``start_share`` of the case's ultimate gain. ``progress`` gets the number of searches done and the total. Names,
-    ``timeout`` and errors are as in ``practical_limit``.
+    ``timeout`` and errors are as in ``practical_limit``. Raises DescriptionError, too, for a case without such a limit.
     """
     names = nctf_names()
     gain = gain or names.of_controller(names.controller.proportional)
@@ -334,13 +345,16 @@ def limit_map(
     position = position or names.position
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
+    swing /= si_factor(system, position, *POSITIONS)
     name, _, variable = sampling.partition(".")
     given = system.instance(name).start.get(variable, system.variable(name, variable).start)
-    T_s = float(given if given is not None else system.step_size)
+    T_s = float(system.step_size) if given is None else si_factor(system, sampling, "s") * float(given)
+    # The formulas take gains of a position in m.
+    per_metre = gain_factor(system, gain, names.command, "m/s")
     ultimate: dict[str, float] = {}
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
-    integrals = _integral_gains(system, cases, integral, T_s, K)
+    integrals = _integral_gains(system, cases, integral, T_s, K * gain_factor(system, integral, names.command, "m"))
     with Worker() as worker, _told_if_ended(ultimate, points):
         trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
         for case in cases:
@@ -356,7 +370,7 @@ def limit_map(
                 first = start_share * limit.value
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
-                points.append(_map_point(case, w, limit.value, first, searched, K=K, T_s=T_s))
+                points.append(_map_point(case, w, limit.value, first, searched, K=per_metre * K, T_s=T_s))
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
 
@@ -450,8 +464,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
         alpha = case.alpha or data.alpha
         overrides: dict[str, object] = {**data.overrides, **case.overrides}
         if case.nct and data.pulse is not None:
-            error, rate = identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).nodes()
-            overrides |= {f"{controller}.{names.nct_error}": list(error), f"{controller}.{names.nct_rate}": list(rate)}
+            overrides |= identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).start_values(controller, system)
         cases.append(Case(name, overrides, case.W or data.W, alpha, case.first))
     return MapFile(data.description, system, tuple(cases), data.K, data.timeout)
 

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
-from ..errors import CosimError, DescriptionError
+from ..errors import CosimError, DescriptionError, shortened
 from ..files import Replacement
 
 MAX_MEMBERS = 20_000
@@ -90,9 +90,7 @@ def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True
     if len(members) > MAX_MEMBERS:
         problems.append(f"{source}: {len(members)} archive members; at most {MAX_MEMBERS} are allowed.")
     if problems:
-        shown = problems[:10]
-        more = len(problems) - len(shown)
-        raise DescriptionError([*shown, f"{source}: {more} more members like these."] if more else shown)
+        raise DescriptionError(shortened(problems))
     return members
 
 

@@ -189,9 +189,14 @@ class _Missing:
 class FMU2Tolerant(fmi2.FMU2Slave):
     """FMPy's FMU2Slave for libraries without functions of ``OPTIONAL``. FMPy needs a name that begins with FMU2."""
 
-    def _loadFunctions(self) -> None:
-        self.dll = _Library(self.dll, self.instanceName)
-        fmi2.FMU2Slave._loadFunctions(self)
+    @property
+    def dll(self) -> _Library:
+        """The library. FMPy sets it after loading, and then looks up all functions."""
+        return self._tolerant
+
+    @dll.setter
+    def dll(self, library: Any) -> None:
+        self._tolerant = _Library(library, self.instanceName)
 
 
 _LOADING = threading.Lock()
@@ -207,9 +212,7 @@ class FmuInstance:
     """The loop's number of each type, by the name of the type in the FMI functions."""
     _state = "FMUstate"
 
-    def __init__(
-        self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool, board: Board | None = None
-    ) -> None:
+    def __init__(self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
         self.number = number
         self.name = instance.name
         self.fmu: Fmu = instance.fmu
@@ -218,7 +221,6 @@ class FmuInstance:
         self._folder = folder
         self._library = library
         self._debug = debug
-        self._board = board
         self._slave: Any = None
 
     # Life
@@ -423,7 +425,7 @@ class FmuInstance:
             self.call(f"{self.prefix}Free{self._state}", ctypes.byref(state))
 
     def _calling(self, function: str) -> contextlib.AbstractContextManager[None]:
-        return contextlib.nullcontext() if self._board is None else self._board.call(self.name, function)
+        return contextlib.nullcontext() if Board.here is None else Board.here.call(self.name, function)
 
 
 @contextlib.contextmanager

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, shortened, suggest
 from ..units import conversion
-from .csv import shortened
-from .frame import dataframe, listed, span
+from .frame import dataframe, signals_text, span
 from .header import TIME_NAMES, split_label, unit_text
 from .resample import UNEVEN, usual_step
 from .tables import TEXT, Table, open_table
@@ -37,7 +36,7 @@ class Record:
     """Other data in the file. The file of a run holds its system, versions, messages ..."""
 
     def __repr__(self) -> str:
-        signals = listed(f"{name} [{self.units[name]}]" if self.units[name] else name for name in self.columns)
+        signals = signals_text(self.units)
         return f"<Record {self.path.name}: {span(self.time)}, every {self.step:.6g} s: {signals}>"
 
     def __getitem__(self, name: str) -> Array:
@@ -144,7 +143,7 @@ def read_record(
         wrong += [(row, time_column, f"{names.names[time_column]}: {why}") for row, why in _falling(seconds)]
     if wrong:
         texts = [f"{path}: {table.place(row)}, column {text}" for row, _, text in sorted(wrong)]
-        raise DescriptionError(shortened(path, texts))
+        raise DescriptionError(shortened(texts, "cells"))
     return Record(
         path,
         seconds,

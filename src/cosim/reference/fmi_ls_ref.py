@@ -25,7 +25,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element, SubElement, register_namespace
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, shortened
 from ..fmu.xml import document, parse
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
@@ -340,7 +340,7 @@ def read_csv(path: Path) -> Table:
     if not rows and not problems:
         problems.append(f"{path.name}: no rows.")
     if problems:
-        raise DescriptionError(_short(problems))
+        raise DescriptionError(shortened(problems))
     return Table(names, tuple(times), tuple(rows))
 
 
@@ -368,8 +368,3 @@ def _parse(path: Path, tag: str) -> Any:
     if root.tag != tag:
         raise DescriptionError(f"{path.name}: the root element is '{root.tag}'. It must be '{tag}'.")
     return root
-
-
-def _short(problems: list[str]) -> list[str]:
-    more = len(problems) - 10
-    return [*problems[:10], f"and {more} more problems like these."] if more > 0 else problems

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, shortened, suggest
 from ..fmu.archive import opened, unpack
 from ..fmu.description import ELEMENT
 from ..fmu.xml import parse
@@ -277,7 +277,7 @@ def values_of(file: str, name: str, table: Table, variable: Any, element: int | 
             continue
         values[row] = numbers
     if problems:
-        raise DescriptionError([*problems[:5], *([f"and {len(problems) - 5} more rows."] if len(problems) > 5 else [])])
+        raise DescriptionError(shortened(problems, "rows"))
     return values[:, 0] if size == 1 else values
 
 

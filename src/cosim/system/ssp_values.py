@@ -147,8 +147,11 @@ class ParameterValues:
             self.note(f"mapping at '{part.name}': the values hold nothing called {_few(list(entries))}.")
 
     def enter(self, end: End, given: Given, entry: Any) -> None:
-        """Store the value for ``end``: converted to the unit of the variable, then changed by the mapping ``entry``."""
-        wanted = self.units.own(end)
+        """Store the value for ``end``: converted to the unit there, then changed by the mapping ``entry``.
+
+        The unit is that of the connector, or else that of the FMU's variable, as for connections (SSP 2.0, Real).
+        """
+        wanted = self.units.unit(end)
         suppressed = entry is not None and entry.get("suppressUnitConversion") in ("true", "1")
         value, unit = given.value, given.unit
         try:
