@@ -124,6 +124,19 @@ def test_any_name_survives_every_form(tmp_path: Path, name: str, other: str) -> 
         assert simulate(read).rows.tolist() == expected.rows.tolist()
 
 
+@pytest.mark.parametrize("name", ["a:b", "back\\slash", "tab\t", "what?*", "\udcfc", "a -> b = [1]", "100 %20"])
+def test_fmu_files_of_any_name_are_exported(tmp_path: Path, name: str) -> None:
+    path = write_probe(tmp_path).rename(tmp_path / f"{name}.fmu")
+    document = {
+        "experiment": {"stop_time": 1, "step_size": 1},
+        "instances": {"a": {"fmu": str(path)}, "b": {"fmu": str(path)}},
+    }
+    system = make_system(document, folder=tmp_path)
+    packed = read_system(write_ssp(system, tmp_path / "s.ssp"))
+    for read in (packed, read_system(write_system(packed, tmp_path / "s.toml"))):
+        assert read.digest == system.digest
+
+
 def test_a_name_is_shown_as_it_is(tmp_path: Path, cosim: Command) -> None:
     """Even if it looks like an emoji or a style of the terminal library."""
     (tmp_path / "s.toml").write_text('[instances."a:b:"]\nfmu = "./P.fmu"\n[instances."x [red]"]\nfmu = "./P.fmu"\n')

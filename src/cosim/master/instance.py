@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar, cast
 
 from ..errors import SimulationError
+from ..files import forbidden_library
 from ..fmu.description import Fmu
 from ..fmu.variables import Variable
 from ..result.result import Message, Result
@@ -232,6 +233,7 @@ class FmuInstance:
             except Exception as error:
                 # FMPy raises bare exceptions for a library that does not load or lacks a function.
                 text = str(error).replace(str(self._folder), self.fmu.path.name)
+                text += forbidden_library(text)
                 raise SimulationError(f"{self.name}: the library of {self.fmu.name} cannot be used: {text}") from None
         function = self._instantiating
         try:

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DescriptionError
-from ..files import temporary_folder
+from ..files import forbidden_library, temporary_folder
 from ..master.board import Board, mapped
 from ..master.failure import process_error
 from ..master.process import shared_memory
@@ -319,7 +319,8 @@ def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str, mem
             with board.call(Path(folder).name, "loading the library"):
                 result = simulate(folder, model_description=model, remote_platform=None, step_finished=show_time, **job)
         except Exception as error:  # FMPy raises bare exceptions
-            pipe.send((f"{str(error).strip().rstrip('.') or type(error).__name__}.", None))
+            text = f"{str(error).strip().rstrip('.') or type(error).__name__}."
+            pipe.send((text + forbidden_library(text), None))
         else:
             pipe.send(("", {name: np.array(result[name]) for name in result.dtype.names or ()}))
         finally:
