@@ -47,7 +47,7 @@ ROOMS = (
     ),
     Room(
         "cosim.reference",
-        [*BASE, "cosim.fmu", "cosim.export", "cosim.system", "cosim.result"],
+        [*BASE, "cosim.fmu", "cosim.export", "cosim.system", "cosim.result", "cosim.master"],
         ["fmpy", "lxml", "matplotlib", "numpy", "PIL", "scipy"],
     ),
     Room("fmus.references", ["cosim.model", "cosim.reference", "fmus"], ["matplotlib", "numpy", "PIL", "scipy"]),

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from .console import check_files, check_plot, common_arguments, print_note, show, write_files
-from .parser import number, positive
+from .parser import number, positive, timeout_argument
 from .systems import base_argument
 
 
@@ -44,6 +44,7 @@ def add(commands: Any) -> None:
     nct.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the NCT (.toml)")
     base_argument(nct, "the start file")
     nct.add_argument("--plot", type=Path, metavar="FILE", help="draw the phase plane")
+    timeout_argument(nct)
     common_arguments(nct, _identify)
     _add_friction(identify)
 
@@ -141,6 +142,7 @@ def _identify(options: argparse.Namespace) -> int:
         velocity=options.velocity or None,
         differentiate=options.velocity == "",
         command=options.input,
+        timeout=options.timeout,
         fmus=options.fmus,
     )
     gains = None if options.zeta is None else nct.gains(options.omega_n, options.zeta)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, check_files, check_plot, common_arguments, set_argument, show, write_files
-from .parser import count
+from .parser import RUN_LIMIT, count, timeout_argument
 from .systems import base_argument, given_values
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def add(commands: Any) -> None:
     set_argument(pulse, several=True)
     pulse.add_argument("--workers", type=count, default=1, metavar="N", help="threads (default: 1; runs are short)")
     pulse.add_argument("--plot", type=Path, metavar="FILE", help="draw the tables")
+    timeout_argument(pulse, "a run", RUN_LIMIT)
     common_arguments(pulse, _learn)
 
 
@@ -61,6 +62,7 @@ def _learn(options: argparse.Namespace) -> int:
     check_plot(options.plot)
     well = True
     values = given_values(options.values)
+    given: dict[str, Any] = {"overrides": values, "timeout": options.timeout, "fmus": options.fmus}
     base = base_name(options.base or options.system, tables)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}
@@ -70,7 +72,7 @@ def _learn(options: argparse.Namespace) -> int:
         axis = pulse.Axis.named(name)
         if options.monitor:
             learned[axis.pulse] = pulse.load(file)
-            found = pulse.monitor(options.system, learned[axis.pulse], axis, overrides=values, fmus=options.fmus)
+            found = pulse.monitor(options.system, learned[axis.pulse], axis, **given)
             checks[axis.pulse] = found
             if max(point.ratio for point in found) <= pulse.RELEARN:
                 continue
@@ -80,7 +82,7 @@ def _learn(options: argparse.Namespace) -> int:
                 bar.update(done, total, stage)
 
             learned[axis.pulse] = pulse.learn_friction_pulse(
-                options.system, axis, overrides=values, workers=options.workers, fmus=options.fmus, progress=advance
+                options.system, axis, **given, workers=options.workers, progress=advance
             )
         anew.append(axis.pulse)
         # Saved at once: what was learned is kept if the next axis fails or is interrupted.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .console import Bar, check_files, common_arguments, print_note, show, write_files
-from .parser import EXIT_CODES, count
+from .parser import EXIT_CODES, RUN_LIMIT, count, timeout_argument
 from .systems import base_argument
 
 
@@ -25,6 +26,7 @@ def add(commands: Any) -> None:
     tune.add_argument("--workers", type=count, default=2, metavar="N", help="threads (default: 2)")
     tune.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the values found")
     base_argument(tune, "the start file", "that of TUNING")
+    timeout_argument(tune, "a run", f"timeout in TUNING, else {RUN_LIMIT}")
     common_arguments(tune, _tune)
 
 
@@ -35,6 +37,7 @@ def _tune(options: argparse.Namespace) -> int:
 
     check_files(options.start)
     tuning = read_tuning(options.file, fmus=options.fmus)
+    tuning = replace(tuning, timeout=options.timeout or tuning.timeout)
     base = None
     if options.start is not None:
         system = options.base or tuning.system.folder / tuning.system.name

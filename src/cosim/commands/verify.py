@@ -23,7 +23,7 @@ from .console import (
     standard_output,
     write_files,
 )
-from .parser import EXIT_CODES
+from .parser import EXIT_CODES, timeout_argument
 
 if TYPE_CHECKING:
     from ..reference.replay import Replay, Report
@@ -59,9 +59,7 @@ def add(commands: Any) -> None:
         metavar="SHARE",
         help="tolerance as a share of the largest value of a reference, where the FMU states none (default: 1e-3)",
     )
-    parser.add_argument(
-        "--timeout", type=float, default=60.0, metavar="SECONDS", help="end a run that takes longer (default: 60)"
-    )
+    timeout_argument(parser, "a run", "60", kind=float)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw references and replay, one file an FMU")
     parser.add_argument("--json", action="store_true", help="print every signal as JSON, for scripts")
     fmus_argument(parser)
@@ -69,10 +67,11 @@ def add(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from ..reference.replay import verify_all
+    from ..reference.replay import DEFAULT_TIMEOUT, verify_all
 
+    timeout = DEFAULT_TIMEOUT if options.timeout is None else options.timeout
     problems: list[str] = []
-    for name, low in (("tolerance", options.tolerance), ("timeout", options.timeout)):
+    for name, low in (("tolerance", options.tolerance), ("timeout", timeout)):
         if not (math.isfinite(low) and low > 0.0):
             problems.append(f"--{name} {low:g}: give a number above 0.")
     paths: list[Path] = []
@@ -85,7 +84,7 @@ def _run(options: argparse.Namespace) -> int:
         raise DescriptionError(problems)
     check_plot(options.plot)
     reports: list[Report] = []
-    found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=options.timeout)
+    found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=timeout)
     with Bar("Replaying") as bar:
         for report in found:
             reports.append(report)

@@ -144,7 +144,7 @@ def learn_friction_pulse(
     pulse's instance). The smallest amplitude of the coarse search is ``alpha`` times the largest. ``radius`` of the
     circle is in m. ``workers`` processes share the runs of a stage; ``timeout`` in s is the limit for a run.
     ``progress`` gets the stage, the number of runs done and the total. Raises DescriptionError for a wrong system or
-    axis, WorkerError for a run that crashes or hangs.
+    axis, ProcessError for a run that crashes or hangs.
     """
     axis = Axis.named(axis) if isinstance(axis, str) else axis
     system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
@@ -292,12 +292,16 @@ def monitor(
     *,
     overrides: Mapping[str, object] | None = None,
     radius: float = 0.05,
+    timeout: float | None = None,
     fmus: str | Path | None = None,
 ) -> list[Monitored]:
-    """J with the learned pulses over the learned monitoring times; above the ratio ``RELEARN``, learn again."""
+    """J with the learned pulses over the learned monitoring times; above the ratio ``RELEARN``, learn again.
+
+    ``timeout`` and errors are as in ``learn_friction_pulse``.
+    """
     axis = Axis.named(axis) if isinstance(axis, str) else axis
     system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
-    with AxisRuns(system, axis, radius=radius) as runs:
+    with AxisRuns(system, axis, radius=radius, timeout=timeout) as runs:
         found = table_costs(runs, learned.tables, learned.t_c)
     return [
         Monitored(a, float(J), float(nominal))

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from ..errors import DescriptionError
+from ..master.failure import ProcessError
 from ..master.simulation import Checkpoint
 from ..result.metrics import Array, rms
 from ..system.system import System, make_system
 from ..system.written import connection_entries
 from .names import AxisNames, axis_names
-from .workers import Limit, Loadable, Pool, Worker, WorkerError, check_workers, simulation_of
+from .workers import Limit, Loadable, Pool, Worker, check_workers, simulation_of
 
 LEAD_IN, LEAD_OUT = 0.6, 0.5
 """Time in s before the reversal at which a run starts, and time after it within which the error has its peak."""
@@ -185,7 +186,7 @@ class AxisRuns:
     def errors(self, jobs: Sequence[Job]) -> list[list[Array]]:
         """Position errors in m after the reversal, one array for each pulse of each job.
 
-        Raises WorkerError if a run crashes or takes too long.
+        Raises ProcessError if a run crashes or takes too long.
         """
         found = self._pool.map(self._errors, jobs)
         self.count += sum(len(pulses) for _, pulses, _ in jobs)
@@ -199,12 +200,10 @@ class AxisRuns:
         """The errors of a job; its time limit is that of its runs and of one more run up to the reversal."""
         acceleration, pulses, _ = job
         count = len(pulses) + 1
-        limit = Limit(self._longest.seconds * count)
+        limit = Limit(self._longest.seconds * count, f"{count} runs")
         try:
             found = worker.run(self.given.system, reversal_errors, self.given, job, limit=limit)
-        except WorkerError as error:
-            raise WorkerError(
-                f"{self.system.name} at the reversal of {acceleration:g} m/s2, {count} runs: {error}"
-            ) from None
+        except ProcessError as error:
+            raise error.of(f"{self.system.name} at the reversal of {acceleration:g} m/s2") from None
         self._longest.learn(worker.seconds / count)
         return found

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from ..errors import CosimError, DescriptionError
 from ..fmu.places import shipped_file
 from ..fmu.tables import read_table
+from ..master.failure import ProcessError
 from ..master.simulation import Simulation
 from ..public import public_names
 from ..result.metrics import Array
@@ -44,7 +45,7 @@ from .linearize import StateSpace
 from .names import nctf_names
 from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
-from .workers import Loadable, Worker, WorkerError
+from .workers import Loadable, Worker
 
 __dir__ = public_names(globals())
 
@@ -207,7 +208,7 @@ def practical_limit(
     ``overrides`` are start values of all runs, ``stop_time`` is their end in s (None: that of the system), ``timeout``
     the time limit of a run in s, ``swing`` the smallest oscillation in m. Names are INSTANCE.VARIABLE (default: those
     of the study). A ``Simulation`` is run with the FMUs that it has loaded. Raises DescriptionError for wrong names or
-    values, SimulationError for a run that fails, WorkerError for a run that crashes or hangs.
+    values, SimulationError for a run that fails, ProcessError for a run that crashes or hangs.
     """
     names = nctf_names()
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
@@ -243,8 +244,8 @@ class _Trials:
         def found(value: float) -> bool:
             try:
                 result = self.worker.evaluate(loadable, {**changes, self.gain: value}, look, self.limit)
-            except WorkerError as error:
-                raise WorkerError(f"{self.system.name} at {self.gain} = {value:g}: {error}") from None
+            except ProcessError as error:
+                raise error.of(f"{self.system.name} at {self.gain} = {value:g}") from None
             self.limit.learn(self.worker.seconds)
             return result.sustained
 

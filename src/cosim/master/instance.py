@@ -211,9 +211,7 @@ class FmuInstance:
     """The loop's number of each type, by the name of the type in the FMI functions."""
     _state = "FMUstate"
 
-    def __init__(
-        self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool, board: Board | None = None
-    ) -> None:
+    def __init__(self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
         self.number = number
         self.name = instance.name
         self.fmu: Fmu = instance.fmu
@@ -222,7 +220,6 @@ class FmuInstance:
         self._folder = folder
         self._library = library
         self._debug = debug
-        self._board = board
         self._slave: Any = None
 
     # Life
@@ -426,7 +423,7 @@ class FmuInstance:
             self.call(f"{self.prefix}Free{self._state}", ctypes.byref(state))
 
     def _calling(self, function: str) -> contextlib.AbstractContextManager[None]:
-        return contextlib.nullcontext() if self._board is None else self._board.call(self.name, function)
+        return contextlib.nullcontext() if Board.here is None else Board.here.call(self.name, function)
 
 
 @contextlib.contextmanager

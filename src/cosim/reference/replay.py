@@ -28,6 +28,9 @@ import numpy as np
 
 from ..errors import DescriptionError
 from ..files import temporary_folder
+from ..master.board import Board, mapped
+from ..master.failure import process_error
+from ..master.process import shared_memory
 from ..reference import fmi_ls_ref as lsref
 from .fmi_ls_ref import ReferenceExperiment, Tolerance
 from .jobs import (
@@ -215,12 +218,14 @@ def _run(jobs: Sequence[Job], folder: Path, tolerance: float, timeout: float) ->
         waiting = jobs[len(outcomes) :]
         here, there = context.Pipe(duplex=False)
         printed = folder / "printed.txt"
-        arguments = (there, str(folder), [dict(job.arguments) for job in waiting], str(printed))
+        with shared_memory(folder, Board.size(), shared_file=True) as (memory, path):
+            board = Board(memoryview(memory))
+        arguments = (there, str(folder), [dict(job.arguments) for job in waiting], str(printed), path)
         process = context.Process(target=_child, args=arguments, daemon=True)
         process.start()
         there.close()
         for job in waiting:
-            failure, columns, ended = _answer(here, process, timeout)
+            failure, columns, ended = _answer(here, process, board, timeout)
             if failure:
                 words = _last_words(printed)
                 failure += f" It printed: {words}" if words else ""
@@ -239,33 +244,48 @@ def _last_words(printed: Path) -> str:
     return " ".join(" ".join(line for line in lines if "Warning: missing input" not in line).split())[-LAST_WORDS:]
 
 
-def _answer(pipe: Any, process: Any, timeout: float) -> tuple[str, dict[str, Any] | None, bool]:
+def _answer(pipe: Any, process: Any, board: Board, timeout: float) -> tuple[str, dict[str, Any] | None, bool]:
     """The answer of the process to the next job: a failure or columns, and whether the process has ended."""
     try:
         if pipe.poll(timeout):
             return (*pipe.recv(), False)
     except EOFError:
         process.join()
-        code = process.exitcode
-        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        return f"the process with the FMU ended ({how}).", None, True
-    process.kill()
-    process.join()
-    return f"no answer within {timeout:g} s.", None, True
+        return str(process_error(board, process.exitcode)), None, True
+    limit = f"when {timeout:g} s had passed, the limit for a run"
+    return str(process_error(board, None, limit=limit)), None, True
 
 
-def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str) -> None:
-    """Run the jobs one by one. The output of the FMU and of FMPy goes to the file ``printed``."""
+def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str, memory: Path) -> None:
+    """Run the jobs one by one. The output of the FMU and of FMPy goes to the file ``printed``.
+
+    Calls of the FMU are shown on the board in the file ``memory``.
+    """
     from fmpy.model_description import read_model_description
 
     simulate: Any = importlib.import_module("fmpy.simulation").simulate_fmu
+    fmu: Any = importlib.import_module("fmpy.fmi1")._FMU
+    board, call = Board.show(mapped(memory)), fmu._call
+
+    def shown_call(self: Any, function: str, *arguments: Any) -> Any:
+        with board.call(self.instanceName, function):
+            return call(self, function, *arguments)
+
+    def show_time(time: float, recorder: object) -> bool:
+        board.clock[0] = time
+        return True
+
+    fmu._call = shown_call
     model = read_model_description(folder, validate=False)
     for job in jobs:
+        board.clock[0] = job["start_time"]
         file = os.open(printed, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(file, 1)
         os.dup2(file, 2)
         try:
-            result = simulate(folder, model_description=model, remote_platform=None, **job)
+            # The first call of FMPy ends this one, which is shown if the library crashes while it is loaded.
+            with board.call(Path(folder).name, "loading the library"):
+                result = simulate(folder, model_description=model, remote_platform=None, step_finished=show_time, **job)
         except Exception as error:  # FMPy raises bare exceptions
             pipe.send((f"{str(error).strip().rstrip('.') or type(error).__name__}.", None))
         else:
