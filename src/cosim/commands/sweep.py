@@ -78,6 +78,8 @@ def _sweep(options: argparse.Namespace) -> int:
     rows += [("Elapsed", f"{outcome.elapsed:.3g} s"), ("Data set", content["data"]), ("Report", content["report"])]
     show(options, content, [("Sweep", ""), *rows], plan.description or plan.name)
     if runs.spreads and not options.json:
-        ends = [(s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), f"{s.run}") for s in runs.spreads]
-        show(options, {}, [("Figure", "Least", "Median", "Largest", "in run"), *ends], "")
+        ends = [
+            (s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), s.unit, f"{s.run}") for s in runs.spreads
+        ]
+        show(options, {}, [("Figure", "Least", "Median", "Largest", "Unit", "in run"), *ends], "")
     return 0 if write_files((page, lambda path: write_report(runs))) else 1

@@ -40,9 +40,10 @@ from ..result.metrics import Array
 from ..result.result import Result
 from ..system.system import System, read_system
 from .documents import MapData
-from .identify import identify_nct
+from .identify import POSITIONS, identify_nct
 from .linearize import StateSpace
 from .names import nctf_names
+from .quantities import gain_factor, si_factor
 from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
 from .workers import Loadable, Worker
@@ -213,6 +214,7 @@ def practical_limit(
     names = nctf_names()
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
     if isinstance(source, Simulation):
+        swing /= si_factor(source.system, position, *POSITIONS)
         variant = source.system.changed(overrides)
         simulation = source
         return search_limit(
@@ -220,6 +222,7 @@ def practical_limit(
         )
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
+    swing /= si_factor(system, position, *POSITIONS)
     with Worker() as worker:
         trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing)
         return search_limit(trials.oscillates({}), first, last)
@@ -342,13 +345,16 @@ def limit_map(
     position = position or names.position
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
+    swing /= si_factor(system, position, *POSITIONS)
     name, _, variable = sampling.partition(".")
     given = system.instance(name).start.get(variable, system.variable(name, variable).start)
-    T_s = float(given if given is not None else system.step_size)
+    T_s = float(system.step_size) if given is None else si_factor(system, sampling, "s") * float(given)
+    # The formulas take gains of a position in m.
+    per_metre = gain_factor(system, gain, names.command, "m/s")
     ultimate: dict[str, float] = {}
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
-    integrals = _integral_gains(system, cases, integral, T_s, K)
+    integrals = _integral_gains(system, cases, integral, T_s, K * gain_factor(system, integral, names.command, "m"))
     with Worker() as worker, _told_if_ended(ultimate, points):
         trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
         for case in cases:
@@ -364,7 +370,7 @@ def limit_map(
                 first = start_share * limit.value
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
-                points.append(_map_point(case, w, limit.value, first, searched, K=K, T_s=T_s))
+                points.append(_map_point(case, w, limit.value, first, searched, K=per_metre * K, T_s=T_s))
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
 
@@ -458,8 +464,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
         alpha = case.alpha or data.alpha
         overrides: dict[str, object] = {**data.overrides, **case.overrides}
         if case.nct and data.pulse is not None:
-            error, rate = identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).nodes()
-            overrides |= {f"{controller}.{names.nct_error}": list(error), f"{controller}.{names.nct_rate}": list(rate)}
+            overrides |= identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).start_values(controller, system)
         cases.append(Case(name, overrides, case.W or data.W, alpha, case.first))
     return MapFile(data.description, system, tuple(cases), data.K, data.timeout)
 
