@@ -8,12 +8,12 @@ import tomllib
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from lxml import etree
 
 from cosim.design import identify, pulse, stability
 from cosim.design.quantities import gain_factor, quotient_factor, si_factor
@@ -22,6 +22,8 @@ from cosim.design.search import Limit
 from cosim.design.workers import unload
 from cosim.errors import DescriptionError
 from cosim.system.system import System, read_system
+
+etree: Any = import_module("lxml.etree")
 
 STUDIES = Path(__file__).parents[2] / "studies"
 BASE_UNITS = {
