@@ -48,9 +48,13 @@ study: test-tools fmus
 	for name in $(notdir $(wildcard studies/*)); do \
 		$(BIN)/cosim study $$name --output build/studies/$$name || exit 1; done
 
+# modules of the benchmarks, and programs with arguments or another Python
+NO_BENCHMARK := equal_traces figures fit_mujoco peers programs same_results
+
 bench: test-tools fmus
 	sh .ci/venv bench
-	for script in $(filter-out benchmarks/figures.py benchmarks/peers.py benchmarks/same_results.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$script || exit 1; done
+	for script in $(filter-out $(NO_BENCHMARK:%=benchmarks/%.py),$(wildcard benchmarks/*.py)); do \
+		$(BIN)/python $$script || exit 1; done
 
 # other importers, in venvs of their own; writes docs/importers.md (ecospy needs libtbb.so.12, Debian's libtbb12).
 # Programs built elsewhere: make conformance PROGRAMS="--fmusim PATH --fmu-check PATH --omsimulator PATH"

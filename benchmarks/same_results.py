@@ -1,7 +1,7 @@
-"""Whether a change of the master keeps every result to the last bit: a digest of the rows of every shipped system.
+"""Whether a change keeps every result to the last bit: a digest of the rows of every shipped system.
 
-Run it before and after the change, on the same FMUs: ``same_results.py before.json``, then
-``same_results.py after.json --against before.json``. Long runs end after ``STEPS`` communication points.
+Run it before and after the change: ``same_results.py before.json``, then ``same_results.py after.json --against
+before.json``. ``--fmus FOLDER`` takes the FMUs from there. Long runs end after ``STEPS`` communication points.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import hashlib
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,10 @@ ROOT = Path(__file__).resolve().parents[1]
 STEPS = 20_000
 
 
-def digest(path: Path) -> dict[str, Any] | None:
+def digest(path: Path, fmus: Path | None) -> dict[str, Any] | None:
     """Rows, columns and SHA-256 of times and rows of a system; None for a file that is no system."""
     try:
-        system = read_system(path)
+        system = read_system(path, fmus=fmus)
     except DescriptionError:
         return None
     stop = system.start_time + min(system.steps, STEPS) * system.step_size
@@ -41,11 +42,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("output", type=Path, help="the file to write, such as before.json")
     parser.add_argument("--against", type=Path, metavar="FILE", help="an earlier file to compare with")
+    parser.add_argument("--fmus", type=Path, metavar="FOLDER", help="the folder of the FMUs")
     options = parser.parse_args()
     paths = sorted((ROOT / "studies").rglob("*.toml"))
     names = [path.relative_to(ROOT / "studies").with_suffix("").as_posix() for path in paths]
     with ProcessPoolExecutor(2) as pool:
-        found = {name: entry for name, entry in zip(names, pool.map(digest, paths), strict=True) if entry is not None}
+        entries = pool.map(digest, paths, repeat(options.fmus))
+        found = {name: entry for name, entry in zip(names, entries, strict=True) if entry is not None}
     options.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     rows = sum(entry["rows"] for entry in found.values())
     values = sum(entry["rows"] * entry["columns"] for entry in found.values())

@@ -14,7 +14,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted(path.relative_to(ROOT).as_posix() for top in ("src", "fmus") for path in (ROOT / top).rglob("*.py"))
 TRAVELLING = ("cosim.errors", "cosim.units", "cosim.model")
-BASE = (*TRAVELLING, "cosim.version", "cosim.files", "cosim.extras")
+BASE = (*TRAVELLING, "cosim.version", "cosim.public", "cosim.files", "cosim.extras")
 
 
 class Room(NamedTuple):
@@ -28,17 +28,18 @@ class Room(NamedTuple):
 ROOMS = (
     # From the bottom to the top: a room imports only rooms above it in this table, and of those only the named ones.
     Room("cosim.version"),
+    Room("cosim.public"),
     Room("cosim.errors"),
     Room("cosim.files", ["cosim.errors"]),
     Room("cosim.extras", ["cosim.errors"]),
     Room("cosim.units", ["cosim.errors"]),
-    Room("cosim.model", ["cosim.errors", "cosim.units"]),
+    Room("cosim.model", ["cosim.errors"]),
     Room("fmus", ["cosim.model"]),
     Room("cosim.fmu", BASE, ["fmpy.model_description", "lxml", "pydantic", "pydantic_core", "tomli_w"]),
-    Room("cosim.export", [*BASE, "cosim.fmu", "fmus"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
+    Room("cosim.export", [*BASE, "cosim.fmu"], ["casadi", "jinja2", "markupsafe", "pythonfmu"]),
     Room("cosim.record", [*BASE, "cosim.fmu"], ["numpy", "pyarrow", "scipy"]),
-    Room("cosim.system", [*BASE, "cosim.fmu", "cosim.record"], ["fmpy.ssp", "lxml", "numpy", "pydantic", "scipy"]),
-    Room("cosim.result", [*BASE, "cosim.record"], ["jinja2", "markupsafe", "matplotlib", "numpy", "pandas", "plotly"]),
+    Room("cosim.system", [*BASE, "cosim.fmu", "cosim.record"], ["fmpy.ssp", "lxml", "numpy", "pydantic"]),
+    Room("cosim.result", [*BASE, "cosim.record"], ["jinja2", "markupsafe", "matplotlib", "numpy", "plotly"]),
     Room(
         "cosim.master",
         [*BASE, "cosim.fmu", "cosim.record", "cosim.system", "cosim.result"],
@@ -58,7 +59,7 @@ ROOMS = (
     Room(
         "cosim.study",
         [*BASE, "cosim.fmu", "cosim.record", "cosim.system", "cosim.result", "cosim.master", "cosim.design"],
-        ["jinja2", "markdown_it", "matplotlib", "numpy", "pydantic"],
+        ["jinja2", "markdown_it", "numpy", "pydantic"],
     ),
     Room("cosim.commands", ["cosim", "fmus"], ["numpy", "rich"]),
     Room("cosim.__init__", ["cosim"]),

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from cosim.errors import listed
 from cosim.export.assets import ICON, PICTURE
 from cosim.export.assets import folder as asset_folder
 from cosim.export.fmi2_xml import summary
@@ -79,10 +80,8 @@ def cards(room: str) -> str:
         )
         for name in names
     ]
-    listed = "\n".join(names)
-    return "\n".join(
-        [table(("Icon", "Component", "What it is"), rows), "", f"```{{toctree}}\n:hidden:\n\n{listed}\n```"]
-    )
+    contents = "\n".join(("```{toctree}", ":hidden:", "", *names, "```"))
+    return "\n".join((table(("Icon", "Component", "What it is"), rows), "", contents))
 
 
 MARKS = str.maketrans({mark: f"&#{ord(mark)};" for mark in "|*_`[]$~"})
@@ -233,8 +232,7 @@ def _studies(users: Sequence[str]) -> Iterator[tuple[str, str]]:
     for study in dict.fromkeys(user.split("/")[0] for user in users):
         systems = [user for user in users if user.startswith(f"{study}/")]
         title = read_claims(ROOT / "studies" / study / "claims.toml").title
-        rest = f" and {len(systems) - MANY} more" if len(systems) > MANY else ""
-        yield f"{literal(study)}: {escaped(title)}", ", ".join(map(literal, systems[:MANY])) + rest
+        yield f"{literal(study)}: {escaped(title)}", listed([literal(system) for system in systems], MANY)
 
 
 def _proofs(name: str) -> Iterator[str]:

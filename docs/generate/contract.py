@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 from cosim.export import contract
@@ -36,8 +37,10 @@ COMMON: Mapping[str, Sequence[str]] = {
     "GET_NOMINALS": ["GetNominalsOfContinuousStates"],
 }
 _TYPES_2 = ("Real", "Integer", "Boolean", "String")
-_TYPES_3 = ("Float32", "Float64", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")
-_TYPES_3 = (*_TYPES_3, "String", "Binary", "Clock")
+_TYPES_3 = (
+    *("Float32", "Float64", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64"),
+    *("Boolean", "String", "Binary", "Clock"),
+)
 
 CALLS: Mapping[Fmi, Mapping[str, Sequence[str]]] = {
     2: {
@@ -82,12 +85,17 @@ WITHOUT_STATE = ("Instantiate", "FreeInstance", "GetVersion", "GetTypesPlatform"
 """Beginnings of functions that need no instance, or end it."""
 
 
-class Transition:
+class Transition(NamedTuple):
     """A call that leads from one state to another, and the line that draws it."""
 
-    def __init__(self, start: str, function: str, end: str, fmi: Sequence[Fmi], line: str, at: tuple[int, int]) -> None:  # noqa: PLR0917
-        self.start, self.function, self.end, self.fmi = start, function, end, fmi
-        self.line, self.at = line, at
+    start: str
+    function: str
+    end: str
+    fmi: Sequence[Fmi]
+    line: str
+    """The path of the line in SVG."""
+    at: tuple[int, int]
+    """Where the text beside the line begins."""
 
 
 LEFT, MIDDLE, RIGHT, WIDE, HIGH = 92, 230, 368, 150, 34

@@ -346,7 +346,7 @@ plt.show()
 # 2. **Linearize without friction**: here the bristles are made too soft to matter.
 # 3. **Simulate**: the largest gain at which a step of 10 µm comes to rest (``cosim stability practical``).
 import cosim
-from cosim.design.linearize import loop_margins
+from cosim.design.margins import loop_margins
 from cosim.design.stability import practical_limit
 
 AT_REST = {

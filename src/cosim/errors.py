@@ -10,6 +10,8 @@ MOST_SHOWN = 200
 """Largest number of characters of a value in a message."""
 MOST_LISTED = 12
 """Largest number of known names that a message lists: about two lines."""
+MOST_PROBLEMS = 5
+"""Largest number of problems of one kind that a message lists."""
 MOST_MEANT = 3
 """Names that may be meant by a word; with more the word says too little."""
 
@@ -50,6 +52,12 @@ def listed(names: Sequence[str], most: int) -> str:
     """The first ``most`` of the names for a message, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def shortened(problems: Sequence[str], what: str = "problems") -> list[str]:
+    """The first problems of one kind, and a line such as "and 4 more problems like these."."""
+    more = len(problems) - MOST_PROBLEMS
+    return [*problems[:MOST_PROBLEMS], *([f"and {more} more {what} like these."] if more > 0 else [])]
 
 
 def suggest(name: str, known: Iterable[str], meanings: Mapping[str, str] | None = None) -> str:

@@ -71,6 +71,14 @@ class Unit:
             and math.isclose(self.offset, other.offset, rel_tol=1e-12)
         )
 
+    def with_angles_of(self, other: Unit) -> Unit:
+        """This unit, with angles counted as ``other`` of the same name counts them, if nothing else differs.
+
+        For some files rad is a base unit, for others it is 1: rad/s is rad.s-1 in one file and s-1 in the other.
+        """
+        same = self.exponents[:-1] == other.exponents[:-1]
+        return replace(self, exponents=other.exponents) if same else self
+
     def conversion(self, target: Unit) -> tuple[float, float] | None:
         """Factor and offset with ``value in target = factor*value + offset``; None for different quantities.
 

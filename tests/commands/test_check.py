@@ -78,9 +78,9 @@ def test_an_fmu_that_ends_its_process_is_named(tmp_path: Path, cosim: Command, g
 
 
 def test_an_initialization_without_end_is_ended(tmp_path: Path) -> None:
-    found = try_system(read_system(ending(tmp_path), {"gain": 4}), seconds=3.0)
+    found = try_system(read_system(ending(tmp_path), {"gain": 4}), seconds=6.0)
     assert found.problem == (
-        "E: fmi2EnterInitializationMode at 0 s had not come back when 3 s had passed, the limit for the initialization,"
+        "E: fmi2EnterInitializationMode at 0 s had not come back when 6 s had passed, the limit for the initialization,"
         " and was ended."
     )
 

@@ -13,7 +13,6 @@ from fmu_files import PROBE, probe_library, write_fmu
 
 from cosim.commands import cli
 from cosim.commands.console import Bar
-from cosim.design import tune
 from cosim.design.dataset import DataSet
 from cosim.errors import FileError
 
@@ -112,17 +111,36 @@ def test_a_sweep(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture,
         assert DataSet(folder / place).read().to_pydict()["run"] == [0, 1, 2, 3], n
 
 
-def test_a_result_is_shown_though_its_file_cannot_be_written(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    def full(*arguments: object, **keywords: object) -> None:
-        raise FileError("start.toml: cannot be written: no space is left on the disk.")
+RESULTS: dict[str, tuple[list[str], str, str]] = {
+    "tune": (["tune", "tuning.toml", "--start", "start.toml"], "cosim.design.tune.write_start", "a.gain"),
+    "sweep": (["sweep", "sweep.toml", "--workers", "0"], "cosim.design.sweep_report.write_report", "Data set"),
+    "run": (["run", "system.toml", "--plot", "a.png"], "cosim.result.plots.plot_run", "Time of the steps"),
+    "report": (["run", "system.toml", "--report", "a.html"], "cosim.result.run_report.report_run", "Time of the steps"),
+    "compare": (
+        ["compare", "system.toml", "system.toml", "--set-b", "a.gain=0.1", "--plot", "a.png"],
+        "cosim.result.compare_report.plot_comparison",
+        "minus system.toml",
+    ),
+}
+"""For each command: its arguments, the function that writes its file, and a text that it shows."""
 
-    monkeypatch.setattr(tune, "write_start", full)
-    assert cli.main(["tune", "tuning.toml", "--start", "start.toml"]) == 1
-    shown = capsys.readouterr()
-    assert "a.gain" in shown.out
-    assert "error: start.toml: cannot be written" in shown.err
+
+@pytest.mark.parametrize("case", RESULTS)
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_result_is_shown_before_its_file_is_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, case: str, stopped: bool
+) -> None:
+    arguments, writer, shown = RESULTS[case]
+    before: list[str] = []
+
+    def fail(*given: object, **keywords: object) -> None:
+        before.append(capsys.readouterr().out)
+        raise KeyboardInterrupt if stopped else FileError("the file: cannot be written: no space is left on the disk.")
+
+    monkeypatch.setattr(writer, fail)
+    assert cli.main(arguments) == (130 if stopped else 1)
+    assert shown in before[0]
+    assert ("Interrupted." if stopped else "error: the file: cannot be written") in capsys.readouterr().err
 
 
 def test_an_interrupted_tuning_tells_the_best_so_far(

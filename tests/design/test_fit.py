@@ -391,3 +391,15 @@ def test_a_dry_run_shows_sensitivities_and_fits_nothing(
     told = capsys.readouterr().out
     assert "nothing fitted" in told
     assert "Change of the outputs" in told
+
+
+def test_a_dry_run_writes_nothing(
+    record: Write, folder: Path, native: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record("first.csv")
+    write_toml(folder / "fit.toml", problem())
+    there = sorted(folder.rglob("*"))
+    files = ["--output", str(folder / "fitted"), "--report", str(folder / "page.html")]
+    assert main(["fit", str(folder / "fit.toml"), "--dry-run", *files, "--fmus", str(native)]) == 0
+    assert "--dry-run writes nothing: --output and --report are left out." in " ".join(capsys.readouterr().err.split())
+    assert sorted(folder.rglob("*")) == there

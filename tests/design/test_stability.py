@@ -10,19 +10,11 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from nctf_reference import LARGEST_DAMPING
 
 from cosim.commands.cli import main
-from cosim.design.linearize import (
-    StateSpace,
-    _check_realization,  # pyright: ignore[reportPrivateUsage]
-    linearize,
-    loop_margins,
-    margins,
-    plot_bode,
-    realize,
-    sampled_controller,
-    series,
-)
+from cosim.design.linearize import StateSpace, linearize, plot_bode
+from cosim.design.margins import loop_margins
 from cosim.design.stability import (
     Case,
     characteristic_polynomial,
@@ -41,8 +33,7 @@ from cosim.design.stability import (
 )
 from cosim.errors import DescriptionError
 from cosim.master.simulation import Simulation, simulate
-from cosim.system.system import System, make_system, read_system
-from fmus.physics.nct import REFERENCE_ERROR, REFERENCE_RATE
+from cosim.system.system import System, read_system
 from fmus.plant.compliant_ballscrew import CompliantBallscrew
 
 STUDY = Path(__file__).parents[2] / "studies" / "maeda2008"
@@ -84,18 +75,7 @@ def test_polynomial_is_that_of_the_sampled_loop() -> None:
     assert radius == pytest.approx(np.max(np.abs(roots)), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("W", "closed", "sampled"),
-    [
-        (0.02, 49.990, 48.563),
-        (0.05, 19.975, 19.404),
-        (0.1, 9.950, 9.665),
-        (0.2, 4.899, 4.757),
-        (0.25, 3.873, 3.759),
-        (0.3, 3.180, 3.085),
-        (0.4, 2.291, 2.220),
-    ],
-)
+@pytest.mark.parametrize(("W", "closed", "sampled"), LARGEST_DAMPING)
 def test_largest_stable_damping_ratio(W: float, closed: float, sampled: float) -> None:
     assert closed_form_limits(W)[1] == pytest.approx(closed, rel=1e-3)
     assert linear_limits(W, 0.101)[1] == pytest.approx(sampled, rel=1e-3)
@@ -221,109 +201,6 @@ def test_the_command_notes_an_input_that_moves_nothing(native: Path, capsys: pyt
     assert "note: command changes nothing" in captured.err
     assert main([*given, "--at", "0", "--set", "trajectory.amplitude=1e-7", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["notes"] == []
-
-
-@pytest.mark.parametrize("source", ["input", "difference"])
-def test_the_loop_closes_through_all_measurements(native: Path, source: str) -> None:
-    """Cascade on mass and damping: L(z) in closed form, with the position loop and the velocity loop."""
-    h, K_pos, omega_v, T_i, M, l_p, tau = 1e-3, 40.0, 250.0, 0.02, 10.0, 1e-3, 5e-4
-    controller = {"T_s": h, "K_pos": K_pos, "omega_v": omega_v, "T_i": T_i, "M": M, "l_p": l_p, "command_max": 0.0}
-    measured = {"input": ("velocity", "velocity"), "difference": ("position", "motor_position")}[source]
-    loop = {
-        "connections": [
-            "plant.position -> controller.position",
-            f"plant.{measured[0]} -> controller.{measured[1]}",
-            {"from": "controller.command", "to": "plant.command", "factor": 10.0},
-        ],
-        "experiment": {"stop_time": 1.0, "step_size": h, "order": ["controller", "plant"]},
-        "instances": {
-            "controller": {
-                "fmu": "CascadePid",
-                "start": {**controller, "velocity_source": source, "velocity_filter_time": tau},
-            },
-            "plant": {"fmu": "LinearMotor", "start": {"m": 10.0, "b": 250.0, "k_t": 2.0, "K_a": 50.0}},
-        },
-    }
-    ours, found = loop_margins(make_system(loop, fmus=native), at=0.0)
-    omega = np.array([1.0, 30.0, 300.0, 3000.0])
-    z = np.exp(1j * omega * h)
-    # gain/(s + a) and gain/(s (s + a)) with the input held over h
-    gain, a = 10.0 * 100.0 / 10.0, 250.0 / 10.0
-    pole = math.exp(-a * h)
-    speed = gain / a * (1.0 - pole) / (z - pole)
-    position = gain / a * (h / (z - 1.0) - (1.0 - pole) / (a * (z - pole)))
-    blend = math.exp(-h / tau)
-    estimate = speed if source == "input" else (1.0 - blend) * (1.0 - 1.0 / z) / h / (1.0 - blend / z) * position
-    expected = M * omega_v * l_p * (1.0 + h / T_i / (z - 1.0)) * (K_pos * position + estimate)
-    assert ours.response(omega)[:, 0, 0] == pytest.approx(expected, rel=1e-5)
-    assert found.stable
-
-
-def test_margins_refuse_what_they_do_not_cover(native: Path, frictionless: System) -> None:
-    rubio = Path(__file__).parents[2] / "studies" / "rubio2015"
-    with pytest.raises(DescriptionError, match=r"also goes through observer"):
-        loop_margins(rubio / "p_pi_observer.toml", at=0.0, fmus=native)
-    with pytest.raises(DescriptionError, match=r"plant\.position has no derivative at t = 0 s: it is rounded"):
-        loop_margins(frictionless.changed({"plant.position_resolution": 1e-8}), at=0.0)
-
-
-def test_a_response_that_no_small_linear_controller_has_is_refused() -> None:
-    """A pulse that comes after the samples of which the model is made."""
-    markov = np.zeros((80, 1))
-    markov[:2, 0], markov[70, 0] = 1.0, 0.5
-    found = realize(markov[:61], 1e-3)
-    _check_realization(found, markov[:61], "controller: command")
-    with pytest.raises(DescriptionError, match="unlike a linear controller of an order below 30"):
-        _check_realization(found, markov, "controller: command")
-
-
-def test_realization_returns_the_controller(frictionless: System) -> None:
-    """PI on the NCT's slope and the difference: C(z) in closed form, its sign that of the measured position."""
-    K_P, K_I, alpha = 300.0, 4e4, REFERENCE_RATE[1] / REFERENCE_ERROR[1]
-    start = {"controller.K_P": K_P, "controller.K_I": K_I}
-    found = sampled_controller(frictionless.changed(start), "controller", at=0.0)
-    omega = np.array([10.0, 300.0, 5000.0])
-    z = np.exp(1j * omega * T_S)
-    rate = alpha + (1.0 - 1.0 / z) / T_S
-    expected = -(K_P + K_I * T_S * z / (z - 1.0)) * rate
-    assert found.response(omega)[:, 0, 0] == pytest.approx(expected, rel=1e-4)
-    with pytest.raises(DescriptionError, match="not linear"):
-        sampled_controller(frictionless, "controller", at=0.0, step=1e-3)
-
-
-def test_margins_of_a_known_loop() -> None:
-    """k/(z - 1) with k = 0.5: stable to k = 2 at the Nyquist frequency; phase of 1/(z - 1) is -pi/2 - omega*T/2."""
-    loop = StateSpace(np.array([[1.0]]), np.array([[1.0]]), np.array([[0.5]]), np.zeros((1, 1)), T_s=0.1)
-    found = margins(loop)
-    crossover = 2.0 * math.asin(0.25) / 0.1
-    assert found.stable
-    assert found.gain == pytest.approx(4.0, rel=1e-3)
-    assert found.gain_frequency == pytest.approx(math.pi / 0.1, rel=1e-3)
-    assert found.crossover == pytest.approx(crossover, rel=1e-3)
-    assert found.phase == pytest.approx(0.5 * math.pi - 0.05 * crossover, rel=1e-3)
-    assert found.delay == pytest.approx(found.phase / crossover, rel=1e-3)
-    assert found.spectral_radius == pytest.approx(0.5)
-    assert not margins(
-        series(StateSpace(*(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[5.0]]))), loop)
-    ).stable
-
-
-def test_a_constant_of_motion_does_not_count_as_unstable_but_a_hidden_growth_does() -> None:
-    """The loop of the test above beside a state that nothing drives and whose value the output adds."""
-    for hidden, stable in ((1.0, True), (1.1, False)):
-        A, B = np.array([[1.0, 0.0], [0.0, hidden]]), np.array([[1.0], [0.0]])
-        found = margins(StateSpace(A, B, np.array([[0.5, 1.0]]), np.zeros((1, 1)), T_s=0.1))
-        assert found.stable is stable
-        assert found.spectral_radius == pytest.approx(0.5 if stable else hidden)
-
-
-def test_realization_of_a_known_response() -> None:
-    k = np.arange(61)
-    markov = np.where(k == 0, 2.0, 3.0 * 0.8 ** np.maximum(k - 1, 0) + 1.0)
-    model = realize(markov, 1e-3)
-    assert model.A.shape == (2, 2)
-    assert sorted(model.poles.real) == pytest.approx([0.8, 1.0])
-    assert model.D[0, 0] == 2.0
 
 
 def test_bode_picture(frictionless: System, tmp_path: Path) -> None:

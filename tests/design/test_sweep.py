@@ -148,7 +148,7 @@ def test_the_report_shows_heat_maps(make: Callable[..., Sweep], tmp_path: Path) 
     rows = rows_of(tmp_path / "data")
     for name in figures:
         values = rows[name]
-        spread = f"| {name} | {min(values):.6g} | {float(np.median(values)):.6g} | {max(values):.6g} |"
+        spread = f"| {name} | m | {min(values):.6g} | {float(np.median(values)):.6g} | {max(values):.6g} |"
         assert f"{spread} {values.index(max(values))} |" in text
         assert f"]({name}.png)" in text
         assert (tmp_path / "data" / f"{name}.png").stat().st_size > 5000
@@ -337,7 +337,7 @@ def test_a_worker_killed_on_the_way_costs_no_run(make: Callable[..., Sweep], tmp
 
 @pytest.fixture
 def hostile(tmp_path: Path) -> Callable[..., Sweep]:
-    """A sweep over the ways in which an FMU misbehaves, with a limit of a second."""
+    """A sweep over the ways in which an FMU misbehaves. Its limit is far above what a run needs on a busy machine."""
     write_fmu(tmp_path / "Hostile.fmu", PROBE, binary=probe_library("hostile").read_bytes())
     (tmp_path / "hostile.toml").write_text(
         "connections = []\n[experiment]\nstop_time = 1.0\nstep_size = 0.01\n"
@@ -348,7 +348,7 @@ def hostile(tmp_path: Path) -> Callable[..., Sweep]:
     def made(*ways: str, **more: Any) -> Sweep:
         document = {
             "system": "hostile.toml",
-            "timeout": 1.0,
+            "timeout": 100.0,
             "parameters": {"h.label": list(ways)},
             "metrics": {"last": {"of": "last", "signal": "h.clock"}},
             **more,
@@ -359,13 +359,10 @@ def hostile(tmp_path: Path) -> Callable[..., Sweep]:
 
 
 @linux
-def test_runs_that_crash_exit_or_hang_are_recorded_and_stop_no_other(
-    hostile: Callable[..., Sweep], tmp_path: Path
-) -> None:
+def test_runs_that_crash_or_exit_are_recorded_and_stop_no_other(hostile: Callable[..., Sweep], tmp_path: Path) -> None:
     reasons = {
         "segv": "h: fmi2DoStep at 0.5 s crashed: SIGSEGV",
         "exit 0": "h: fmi2DoStep at 0.5 s ended its process with exit code 0",
-        "hang": "h: fmi2DoStep at 0.5 s had not come back when 1 s had passed, the limit for a run",
         "close all": "closed or damaged the connection",
         "write all": "closed or damaged the connection",
         "background": "exit code 0",
@@ -384,11 +381,22 @@ def test_runs_that_crash_exit_or_hang_are_recorded_and_stop_no_other(
 
 
 @linux
+def test_runs_that_hang_are_recorded_and_the_sweep_ends(hostile: Callable[..., Sweep], tmp_path: Path) -> None:
+    plan = hostile("hang", "sleep", "deaf", timeout=1.0)
+    outcome = sweep(plan, tmp_path / "data", workers=2)
+    assert_complete(tmp_path / "data", plan)
+    # On a busy machine a run may reach its limit before the call that hangs.
+    assert all("when 1 s had passed, the limit for a run" in text for text in rows_of(tmp_path / "data")["error"])
+    assert outcome.failed == 3
+    assert not workers()
+
+
+@linux
 def test_a_run_that_closes_the_connection_for_calls_costs_no_later_run() -> None:
     with Worker() as worker:
-        before = worker.call(os.getpid, limit=Limit(10.0))
-        worker.call(os.close, HIGH, limit=Limit(10.0))
-        assert worker.call(os.getpid, limit=Limit(10.0)) != before
+        before = worker.call(os.getpid, limit=Limit(100.0))
+        worker.call(os.close, HIGH, limit=Limit(100.0))
+        assert worker.call(os.getpid, limit=Limit(100.0)) != before
 
 
 def test_the_limit_of_a_run_is_one_for_loading_too(

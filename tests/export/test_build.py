@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -184,3 +186,55 @@ def test_a_folder_that_cannot_be_written_to(tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "file").write_text("")
     assert main(["build", str(lag(tmp_path)), "-o", str(tmp_path / "file")]) == 1
     assert "Lag.fmu: cannot be written" in capsys.readouterr().err
+
+
+LIBRARIES = ("numpy", "scipy", "casadi", "cosim", "dataclasses", "json", "signal", "fmus", "jinja2", "lxml")
+
+
+@pytest.mark.parametrize("form", ["file", "package"])
+def test_files_beside_a_component_hide_no_library(tmp_path: Path, form: str, capfd: pytest.CaptureFixture[str]) -> None:
+    for name in LIBRARIES:
+        file = tmp_path / (f"{name}.py" if form == "file" else f"{name}/__init__.py")
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("raise RuntimeError('the wrong file is imported')\n")
+    path = lag(tmp_path)
+    # A process of its own: here the libraries are imported already.
+    command = [sys.executable, "-P", "-m", "cosim", "build", str(path), "-o", str(tmp_path / "out")]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, "wrong file" in done.stderr) == (0, False), done.stderr
+    assert steady(tmp_path / "out" / "Lag.fmu") == pytest.approx(2.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("imports", "file", "top"),
+    [
+        ("import numpy as np", "numpy.py", "numpy"),
+        ("from scipy import signal", "scipy/__init__.py", "scipy"),
+        ("import dataclasses", "dataclasses.py", "dataclasses"),
+        ("from json.decoder import JSONDecoder", "json/__init__.py", "json"),
+        ("import helping_hand", "numpy.py", "numpy"),  # by a file that the component imports
+    ],
+)
+def test_a_file_with_the_name_of_an_imported_library_is_told(
+    tmp_path: Path, imports: str, file: str, top: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = lag(tmp_path, imports)
+    (tmp_path / file).parent.mkdir(exist_ok=True)
+    (tmp_path / file).write_text("value = 1.0\n")
+    (tmp_path / "helping_hand.py").write_text("import numpy\n")
+    assert main(["build", str(path), "-o", str(tmp_path / "out")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    importing = "helping_hand.py" if "helping_hand" in imports else "lag.py"
+    mine = file.partition("/")[0]
+    assert f"{importing}: 'import {top}' means {mine} beside it, but {top} is a module of Python or installed" in said
+    assert f"Rename {mine} and its imports." in said
+
+
+@pytest.mark.parametrize("flavour", ["native", "python"])
+def test_files_of_one_name_beside_two_components(tmp_path: Path, flavour: str) -> None:
+    for folder, gain in (("first", 2.0), ("second", 3.0), ("first", 2.0)):
+        path = lag(tmp_path / folder, "from helper_of_two import GAIN", "GAIN")
+        (tmp_path / folder / "helper_of_two.py").write_text(f"GAIN = {gain}\n")
+        out = tmp_path / folder / "out"
+        assert main(["build", str(path), "-o", str(out), "--flavour", flavour]) == 0
+        assert steady(out / "Lag.fmu") == pytest.approx(gain, rel=1e-4)

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,9 @@ HEADERS = Path(fmpy.__file__).parent / "c-code"
 FLAVOURS = ("native", "python")
 
 
-def compiler(*arguments: object) -> None:
+def compiler(*arguments: object, language: Sequence[str] = ("cc", "-std=c99")) -> None:
     """Run the compiler that makes FMUs, every warning an error."""
-    command = [sys.executable, "-m", "ziglang", "cc", "-std=c99", "-O1", "-Wall", "-Wextra", "-Werror"]
+    command = [sys.executable, "-m", "ziglang", *language, "-O1", "-Wall", "-Wextra", "-pedantic", "-Werror"]
     done = subprocess.run([*command, *map(str, arguments)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -68,6 +68,53 @@ def test_two_fmus_link_into_one_program(
     assert done.stdout == f"{version} {version}"
 
 
+THREE_FMUS = """
+#include <stdio.h>
+#define FMI2_EXPORT
+#define FMI3_EXPORT
+#include "fmi2.h"
+#include "fmi3.h"
+fmi2Component Plant_fmi2Instantiate(fmi2String, fmi2Type, fmi2String, fmi2String, const fmi2CallbackFunctions *,
+                                    fmi2Boolean, fmi2Boolean);
+fmi2Component Control_fmi2Instantiate(fmi2String, fmi2Type, fmi2String, fmi2String, const fmi2CallbackFunctions *,
+                                      fmi2Boolean, fmi2Boolean);
+fmi3Instance Third_fmi3InstantiateCoSimulation(
+    fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
+    size_t, fmi3InstanceEnvironment, fmi3LogMessageCallback, fmi3IntermediateUpdateCallback);
+int main(void) {
+    const fmi2CallbackFunctions none = {NULL, NULL, NULL, NULL, NULL};
+    const int plant = Plant_fmi2Instantiate("a", fmi2CoSimulation, "GUID_0", NULL, &none, 0, 0) != NULL;
+    const int control = Control_fmi2Instantiate("b", fmi2CoSimulation, "GUID_1", NULL, &none, 0, 0) != NULL;
+    const int third =
+        Third_fmi3InstantiateCoSimulation("c", "GUID_2", NULL, 0, 0, 0, 0, NULL, 0, NULL, NULL, NULL) != NULL;
+    printf("%d %d %d", plant, control, third);
+    return 0;
+}
+"""
+
+
+def test_sources_compiled_as_cpp_link_with_others_into_a_c_program(native: Path, fmi3: Path, tmp_path: Path) -> None:
+    """A plant in FMI 2.0 and 3.0 and a controller, all from sources that a C++ compiler took."""
+    program = THREE_FMUS
+    objects: list[Path] = []
+    fmus = ((native, "BallscrewStage", "FMI2", "Plant"), (native, "PPi", "FMI2", "Control"))
+    for k, (folder, name, upper, prefix) in enumerate((*fmus, (fmi3, "BallscrewStage", "FMI3", "Third"))):
+        place = sources(folder / f"{name}.fmu", tmp_path / prefix)
+        objects.append(tmp_path / f"{prefix}.o")
+        compiler(
+            *("-c", f"-D{upper}_FUNCTION_PREFIX={prefix}_", "-x", "c++", place / "model.c", "-o", objects[-1]),
+            language=("c++", "-std=c++11"),
+        )
+        guid = fmpy.read_model_description(folder / f"{name}.fmu").guid
+        program = program.replace(f"GUID_{k}", str(guid))
+    main = tmp_path / "main.c"
+    main.write_text(program)
+    headers = [f"-I{tmp_path / prefix / 'sources'}" for prefix in ("Plant", "Third")]
+    compiler(*headers, main, *objects, "-lm", "-o", tmp_path / "three")
+    done = subprocess.run([str(tmp_path / "three")], capture_output=True, text=True, check=True)
+    assert done.stdout == "1 1 1"
+
+
 @pytest.mark.parametrize("name", ["BallscrewStage", "PPi"])
 @pytest.mark.parametrize(("flavour", "lower"), [("native", "fmi2"), ("fmi3", "fmi3")])
 def test_functions_are_those_of_the_standards_headers(
@@ -78,7 +125,7 @@ def test_functions_are_those_of_the_standards_headers(
     place = sources(request.getfixturevalue(flavour) / f"{name}.fmu", tmp_path)
     text = (place / "model.c").read_text()
     (place / "model.c").write_text(f'#include "{lower}Functions.h"\n#define {upper}_H\n#define {upper}_EXPORT\n{text}')
-    compiler("-c", f"-I{HEADERS}", place / "model.c", "-o", tmp_path / "model.o")
+    compiler("-c", "-isystem", HEADERS, place / "model.c", "-o", tmp_path / "model.o")
     declared = set(re.findall(rf"{lower}\w+TYPE\s+({lower}\w+);", (HEADERS / f"{lower}Functions.h").read_text()))
     defined = set(re.findall(rf"#define ({lower}\w+) {upper}_NAME", (place / f"{lower}.h").read_text()))
     assert defined == declared
@@ -103,6 +150,31 @@ def test_broken_memory_functions_of_the_host_do_no_harm(request: pytest.FixtureR
         state = fmu.fmu.getFMUstate()
         fmu.fmu.freeFMUstate(state)
     assert freed == []
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("name", [b"Achse \xfc", b"\xed\xa0\x80", b"100 %n%s", b"n" * 100_000])
+def test_any_instance_name_is_taken(request: pytest.FixtureRequest, flavour: str, name: bytes) -> None:
+    """Hosts of other times do not name instances in UTF-8."""
+    fmu = Instance(request.getfixturevalue(flavour) / "PPi.fmu")
+    instantiate = fmu.fmu.dll["fmi2Instantiate"]
+    instantiate.restype = ctypes.c_void_p
+    resources = (Path(fmu.folder.name) / "resources").as_uri().encode()
+    guid = fmu.description.guid.encode()
+    fmu.fmu.component = instantiate(name, 1, guid, resources, ctypes.byref(fmu.callbacks), 0, 0)
+    assert fmu.fmu.component
+    fmu.initialize()
+    fmu.step(0.0, 1e-4)
+    fmu.__exit__()
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_message_is_harmless_as_a_format(request: pytest.FixtureRequest, flavour: str) -> None:
+    """Some importers hand the message to printf."""
+    with Instance(request.getfixturevalue(flavour) / "PPi.fmu") as fmu:
+        names = (ctypes.c_char_p * 1)(b"%s%n")
+        assert fmu.status("SetDebugLogging", 1, ctypes.c_size_t(1), names) == ERROR
+        assert "#s#n" in fmu.messages[-1]
 
 
 # ---- fixed parameters set again ----
@@ -141,6 +213,29 @@ def test_fixed_parameter_may_be_set_again_in_fmi3(fmi3: Path) -> None:
         with pytest.raises(Exception, match="fmi3SetFloat64"):
             fmu.set({"m": mass + 1.0})
         assert "m is a fixed parameter" in fmu.messages[-1]
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("step_first", [False, True])
+def test_start_value_of_the_tolerance_may_be_set_again(
+    request: pytest.FixtureRequest, flavour: str, step_first: bool
+) -> None:
+    """The importer gave the experiment another tolerance, which stays; another value is refused."""
+    with Instance(request.getfixturevalue(flavour) / "BallscrewStage.fmu") as fmu:
+        fmu.initialize(tolerance=1e-6)
+        if step_first:
+            fmu.step(0.0, 1e-4)
+        assert fmu.set_status("tolerance", float(fmu.variables["tolerance"].start)) == OK
+        assert fmu.get(["tolerance"]) == [1e-6]
+        assert fmu.set_status("tolerance", 1e-7) == ERROR
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_tolerance_that_the_importer_set_is_fixed_to_that_value(request: pytest.FixtureRequest, flavour: str) -> None:
+    with Instance(request.getfixturevalue(flavour) / "BallscrewStage.fmu") as fmu:
+        fmu.initialize({"tolerance": 1e-7}, tolerance=1e-6)
+        assert fmu.set_status("tolerance", 1e-7) == OK
+        assert fmu.set_status("tolerance", float(fmu.variables["tolerance"].start)) == ERROR
 
 
 # ---- FMU states ----

@@ -15,6 +15,8 @@ from fmu_files import PROBE, description, library_name, probe_library, write_fmu
 from cosim import DescriptionError, make_system, simulate
 from cosim.commands.cli import main
 from cosim.fmu.description import read_fmu
+from cosim.record.description import Column
+from cosim.result.result import Result
 
 Change = Callable[[str], str]
 
@@ -176,6 +178,24 @@ def test_backslashes_between_the_names_of_folders(tmp_path: Path) -> None:
     assert simulate(make_system(document(path), name="backslashes")).rows.shape == (11, 3)
 
 
+@pytest.mark.parametrize("form", ["./{}", ".//{}", "{}", ".\\{}"])
+def test_names_of_members_with_dots_and_empty_parts(tmp_path: Path, form: str) -> None:
+    """As ``zip -r x.fmu .`` of some programs writes them, with an entry for the folder itself."""
+    path = tmp_path / "Probe.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("./", b"")
+        archive.writestr(form.format("modelDescription.xml"), description(PROBE))
+        archive.writestr(form.format(library_name().replace("/", "//")), probe_library().read_bytes())
+    assert simulate(make_system(document(path), name="dots")).rows.shape == (11, 3)
+
+
+def test_a_member_that_is_a_file_and_a_folder_is_refused(tmp_path: Path) -> None:
+    members = {"modelDescription.xml": description(PROBE), library_name(): probe_library().read_bytes()}
+    path = write_zip(tmp_path / "Probe.fmu", {**members, "resources/a": b"1", "resources/a/b": b"2"})
+    with pytest.raises(DescriptionError, match=r"'resources/a' is a file, but other members lie in a folder of this"):
+        read_fmu(path)
+
+
 def test_a_right_file_has_no_findings(tmp_path: Path) -> None:
     fmu = read_fmu(write_probe(tmp_path))
     assert (fmu.findings, fmu.obstacles) == ((), ())
@@ -264,3 +284,81 @@ def test_info_shows_what_cannot_run(tmp_path: Path, text: str, said: str, capsys
     assert "time_constant" in shown.out
     assert said in " ".join(shown.err.split())
     assert main(["run", str(path), "--stop-time", "1", "--step-size", "0.1"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("experiment", "left_out", "said"),
+    [
+        ('tolerance="2"', "tolerance", "tolerance is 2; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="1"', "tolerance", "tolerance is 1; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="-1e-6"', "tolerance", "tolerance is -1e-06; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="0"', "tolerance", "tolerance is 0; a relative tolerance lies between 0 and 1. Left out."),
+        ('tolerance="NaN"', "tolerance", "tolerance is 'NaN', which is no finite number. Left out."),
+        ('startTime="2" stopTime="1"', "stop_time", "stopTime is 1 s, before startTime = 2 s. Left out."),
+        ('stopTime="-1"', "stop_time", "stopTime is -1 s, before startTime = 0 s. Left out."),
+        ('stopTime="INF"', "stop_time", "stopTime is 'INF', which is no finite number. Left out."),
+        ('startTime="NaN" stopTime="1"', "start_time", "startTime is 'NaN', which is no finite number. Left out."),
+        ('stopTime="1" stepSize="0"', "step_size", "stepSize is 0 s; a step is longer than 0 s. Left out."),
+        ('stepSize="-0.1"', "step_size", "stepSize is -0.1 s; a step is longer than 0 s. Left out."),
+        ('stopTime="1" stepSize="2"', "step_size", "stepSize is 2 s, longer than the experiment of 1 s. Left out."),
+        ('stepSize="NaN"', "step_size", "stepSize is 'NaN', which is no finite number. Left out."),
+    ],
+)
+def test_an_experiment_that_cannot_be_meant_is_told(
+    tmp_path: Path, experiment: str, left_out: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "Probe.fmu"
+    library = probe_library().read_bytes()
+    write_zip(path, {"modelDescription.xml": description(PROBE, experiment=experiment), library_name(): library})
+    fmu = read_fmu(path)
+    assert getattr(fmu, left_out) is None
+    assert [text for text in fmu.findings if text.startswith("DefaultExperiment")] == [f"DefaultExperiment: {said}"]
+    main(["info", str(path)])
+    assert f"DefaultExperiment: {said}" in " ".join(capsys.readouterr().err.split())
+    make_system(document(path), name="told")
+
+
+@pytest.mark.parametrize(
+    "experiment",
+    ['startTime="-2" stopTime="-1" stepSize="1" tolerance="1e-9"', 'stopTime="0"', 'stepSize="5"', 'tolerance="0.5"'],
+)
+def test_an_experiment_that_can_be_meant_is_no_finding(tmp_path: Path, experiment: str) -> None:
+    path = write_zip(tmp_path / "P.fmu", {"modelDescription.xml": description(PROBE, experiment=experiment)})
+    assert read_fmu(path).findings == ()
+
+
+FMI_3 = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Car" instantiationToken="car">
+<CoSimulation modelIdentifier="probe3"/>
+<UnitDefinitions><Unit name="l/m"><BaseUnit m="2" factor="0.001"/>
+<DisplayUnit name="km/l" factor="0.001" {attributes}/><DisplayUnit name="l/100km" factor="1e5"/></Unit>
+</UnitDefinitions>
+<ModelVariables><Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
+<Float64 name="use" valueReference="1" causality="output" unit="l/m" displayUnit="{shown}"/></ModelVariables>
+<ModelStructure><Output valueReference="1"/></ModelStructure></fmiModelDescription>"""
+
+
+@pytest.mark.parametrize(
+    ("attributes", "shown", "expected", "findings"),
+    [
+        ('inverse="true"', "km/l", 12.5, []),
+        ('inverse="1"', "km/l", 12.5, []),
+        ('inverse="true" offset="0.0"', "km/l", 12.5, []),
+        ('inverse="true" offset="3"', "km/l", 12.5, ["display unit 'km/l' is inverse and has an offset."]),
+        ('inverse="true"', "l/100km", 8.0, []),
+        ('inverse="false" offset="3"', "km/l", 0.001 * 8e-5 + 3.0, []),
+    ],
+)
+def test_inverse_display_units(
+    tmp_path: Path, attributes: str, shown: str, expected: float, findings: list[str]
+) -> None:
+    """FMI 3.0, 2.4.3: factor*v + offset, or factor/v for an inverse display unit."""
+    text = FMI_3.format(attributes=attributes, shown=shown)
+    fmu = read_fmu(write_zip(tmp_path / "Car.fmu", {"modelDescription.xml": text}))
+    assert [finding.partition(". ")[0] + "." for finding in fmu.findings] == findings
+    display = fmu.variables["use"].display_unit
+    assert display is not None
+    column = Column("car.use", "l/m", "", display.name, display.factor, display.offset, display.inverse)
+    result = Result(np.array([0.0, 1.0]), np.array([[8e-5], [0.0]]), (column,), False, (), 0, {}, {})
+    assert result.displayed("car.use")[0] == pytest.approx(expected, rel=1e-14)
+    assert np.isfinite(result.displayed("car.use")[1]) != display.inverse

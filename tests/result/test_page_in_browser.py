@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 from recordings import result
 
+from cosim.result.plots import Panel, Series
+from cosim.result.report import Chart, Section, write_report
 from cosim.result.run_report import report_run
 
 SPIKE = 654_321
@@ -127,6 +130,22 @@ def test_buttons_send_nothing_and_save_a_picture(browser: Any, page_file: Path) 
     with page.expect_download() as download:
         plot.locator(".modebar-btn").first.click()
     assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
+    page.close()
+
+
+def test_ticks_of_logarithmic_axes_are_powers_of_ten(browser: Any, tmp_path: Path) -> None:
+    x = np.geomspace(0.2, 3000.0, 50)
+    panel = Panel("density", "1", (Series("a", x, 1e-2 * x),), log=True)
+    file = write_report(
+        tmp_path / "log.html", "Log", [Section("S", [Chart([panel], "", "Frequency", "Hz", log_x=True)])]
+    )
+    page, _, errors = opened(browser, file)
+    for axis, powers in (("x", range(4)), ("y", range(-2, 2))):
+        shown = page.evaluate(f"[...document.querySelectorAll('.{axis}tick text')].map(t => t.innerHTML)")
+        ends = [re.search(r">([\u2212\d]+)</tspan>", text) for text in shown if text.startswith("10")]
+        assert len(ends) == len(shown) == len(powers), shown
+        assert sorted(int(end[1].replace("\u2212", "-")) for end in ends if end) == list(powers)
+    assert errors == []
     page.close()
 
 

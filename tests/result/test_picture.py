@@ -108,7 +108,7 @@ def test_what_a_session_shows_is_one_line() -> None:
     assert repr(found).startswith("<Comparison of stage.toml with log.csv: x: rms ")
     assert repr(found["x"]).startswith("<Difference of p.position from x: largest ")
     many = replace(stage(), columns=tuple(Column(f"p.x{i}", "1", "", "1") for i in range(12)))
-    assert repr(many).endswith("p.x6, 5 more>")
+    assert repr(many).endswith("p.x7 and 4 more>")
 
 
 def test_a_record_is_read_as_a_result_is() -> None:

@@ -22,7 +22,7 @@ SSD = """<?xml version="1.0" encoding="UTF-8"?>
     {system}
     <ssd:Elements>
       <ssd:Component name="a" source="resources/A.fmu"><ssd:Connectors>
-        <ssd:Connector name="z" kind="output"><ssc:Real {z}/></ssd:Connector>
+        <ssd:Connector name="z" kind="output"><ssc:Real {z}/></ssd:Connector>{more}
       </ssd:Connectors>{component}</ssd:Component>
       <ssd:Component name="b" source="resources/B.fmu"><ssd:Connectors>
         <ssd:Connector name="u" kind="input"><ssc:Real {u}/></ssd:Connector>
@@ -49,13 +49,26 @@ def binding(content: str) -> str:
     return f"<ssd:ParameterBindings><ssd:ParameterBinding {content}</ssd:ParameterBinding></ssd:ParameterBindings>"
 
 
-def package(folder: Path, *, a: tuple[str, str] = ("m", ""), b: tuple[str, str] = ("m", ""), **parts: str) -> System:
+def package(
+    folder: Path, *, a: tuple[str | None, str] = ("m", ""), b: tuple[str | None, str] = ("m", ""), **parts: str
+) -> System:
     """``a`` and ``b`` are unit and BaseUnit of the FMUs; ``parts`` are those of the SSD, ``ssv`` a file beside it."""
     ssv = parts.pop("ssv", "")
-    texts = {"system": "", "z": "", "u": "", "component": "", "attributes": "", "transformation": "", "units": ""}
+    texts = {
+        "system": "",
+        "z": "",
+        "u": "",
+        "component": "",
+        "attributes": "",
+        "transformation": "",
+        "units": "",
+        "more": "",
+    }
     relative = parts.pop("relative", "")
     for name, (unit, base) in (("A", a), ("B", b)):
-        write_gain(folder, name, unit, unit, base_units={unit: base} if base else {}, relative=name == relative)
+        write_gain(
+            folder, name, unit, unit, base_units={unit: base} if unit and base else {}, relative=name == relative
+        )
     path = folder / "foreign.ssp"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("SystemStructure.ssd", SSD.format(**{**texts, **parts}))
@@ -146,6 +159,47 @@ def test_values_of_another_kind_are_refused(tmp_path: Path, unit: str, text: str
     with pytest.raises(DescriptionError) as caught:
         package(tmp_path, component=binding(f"><ssd:ParameterValues>{values}</ssd:ParameterValues>"))
     assert text in caught.value.problems[0]
+
+
+@pytest.mark.parametrize("where", ["component", "system"])
+@pytest.mark.parametrize(
+    ("own", "stated", "unit", "value"),
+    [
+        ("m", 'unit="mm"', 'unit="m"', 5000.0),
+        ("m", 'unit="mm"', 'unit="mm"', 5.0),
+        ("m", 'unit="mm"', "", 5.0),
+        ("m", 'unit="inch"', 'unit="mm"', 5e-3 / 0.0254),
+        ("rad/s", 'unit="rpm"', 'unit="rad/s"', 5.0 * 60.0 / (2.0 * 3.141592653589793)),
+        ("K", 'unit="degC"', 'unit="K"', 5.0 - 273.15),
+        (None, 'unit="mm"', 'unit="m"', 5000.0),
+        ("m", "", 'unit="mm"', 0.005),
+    ],
+)
+def test_values_reach_the_unit_of_their_connector(  # noqa: PLR0917
+    tmp_path: Path, where: str, own: str | None, stated: str, unit: str, value: float
+) -> None:
+    """SSP 1.0 and 2.0, Real: the connector gives the unit of the variable; if it gives none, the FMU does."""
+    text = SET.format(name="a.u" if where == "system" else "u", unit=unit, units="")
+    bound = binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>")
+    connector = f'<ssd:Connector name="u" kind="input"><ssc:Real {stated}/></ssd:Connector>'
+    defined = units("ssd:Units", "inch", 'm="1" factor="0.0254"')
+    b = ("m", "") if own is None else (own, "")
+    parts = {where: bound, "more": connector, "units": defined}
+    system = package(tmp_path, a=(own, ""), b=b, attributes='suppressUnitConversion="true"', **parts)
+    assert system.instance("a").start["u"] == pytest.approx(value, rel=1e-14)
+    told = "the description states another unit than the FMU for a.u: the description counts."
+    assert (told in system.notes) == (own is not None and bool(stated))
+    again = read_system(write_ssp(system, tmp_path / "again.ssp"))
+    assert again.instance("a").start["u"] == system.instance("a").start["u"]
+
+
+def test_a_value_of_another_kind_than_its_connector_is_refused(tmp_path: Path) -> None:
+    text = SET.format(name="u", unit='unit="m"', units="")
+    bound = binding(f"><ssd:ParameterValues>{text}</ssd:ParameterValues>")
+    connector = '<ssd:Connector name="u" kind="input"><ssc:Real unit="N"/></ssd:Connector>'
+    with pytest.raises(DescriptionError) as caught:
+        package(tmp_path, component=bound, more=connector)
+    assert "parameter 'a.u': unit 'm' cannot be converted to 'N'." in caught.value.problems[0]
 
 
 # Connections

@@ -9,6 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import pytest
+from conftest import Command
 from fmu_files import PROBE, Variable, probe_library, write_fmu, write_probe
 
 from cosim.commands.cli import main
@@ -121,6 +122,14 @@ def test_any_name_survives_every_form(tmp_path: Path, name: str, other: str) -> 
     for read in (packed, read_system(write_system(packed, tmp_path / "s.toml"))):
         assert read.digest == system.digest
         assert simulate(read).rows.tolist() == expected.rows.tolist()
+
+
+def test_a_name_is_shown_as_it_is(tmp_path: Path, cosim: Command) -> None:
+    """Even if it looks like an emoji or a style of the terminal library."""
+    (tmp_path / "s.toml").write_text('[instances."a:b:"]\nfmu = "./P.fmu"\n[instances."x [red]"]\nfmu = "./P.fmu"\n')
+    _, _, err = cosim("check", tmp_path / "s.toml")
+    assert "instances.a:b:" in err
+    assert "instances.x [red]" in err
 
 
 def test_a_blank_may_stand_in_a_short_connection(tmp_path: Path) -> None:

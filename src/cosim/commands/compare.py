@@ -138,16 +138,16 @@ def _compare(options: argparse.Namespace) -> int:
         stop=numbers["stop"],
         labels=labels,
     )
-    well = _write(found, options, sources)
     given = {"plot": options.plot, "report": options.report}
     if options.json:
         files = {name: None if file is None else str(file) for name, file in given.items()}
         print_json({**comparison_content(found), **files})
     else:
         show_comparison(found)
-        for file in given.values():
-            if file is not None and well:
-                standard_output().print(f"Written: {escape(str(file))}", soft_wrap=True)
+    well = _write(found, options, sources)
+    for file in given.values() if well and not options.json else ():
+        if file is not None:
+            standard_output().print(f"Written: {escape(str(file))}", soft_wrap=True)
     return 0 if well and found.within else 1
 
 

@@ -28,7 +28,7 @@ def add(commands: Any) -> None:
         "cosim fit docs/examples/your_machine/motor_fit.toml --output results/motor",
     )
     fit.add_argument("file", type=Path, metavar="FIT", help="a fit file (.toml)")
-    fit.add_argument("--dry-run", action="store_true", help="show what the records would tell, fit nothing")
+    fit.add_argument("--dry-run", action="store_true", help="show what the records would tell; fit and write nothing")
     fit.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for start.toml, fit.json and a .csv for each record"
     )
@@ -43,6 +43,9 @@ def _fit(options: argparse.Namespace) -> int:
     from ..design import fit
     from ..fmu.places import base_name, shipped_file
 
+    if options.dry_run and (options.output or options.report):
+        print_note("note: --dry-run writes nothing: --output and --report are left out.")
+        options.output = options.report = None
     check_page(options.report)
     start = None if options.output is None else options.output / "start.toml"
     check_files(start)

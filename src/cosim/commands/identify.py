@@ -125,15 +125,17 @@ def _friction(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> int:
     from ..design import identify
-    from ..fmu.places import base_name
+    from ..fmu.places import base_name, shipped_file
+    from ..system.system import read_system
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
     check_files(options.output, options.start)
     check_plot(options.plot)
-    base = None
+    base = system = None
     if options.start is not None and options.base is not None:
         base = base_name(options.base, options.start)
+        system = read_system(shipped_file(base, options.start.parent), fmus=options.fmus)
     nct = identify.identify_nct(
         options.source,
         alpha=options.alpha,
@@ -162,7 +164,7 @@ def _identify(options: argparse.Namespace) -> int:
     show(options, {name: value for name, value, _ in figures}, [("NCT", "", ""), *rows], str(options.source))
     written = write_files(
         (options.output, lambda path: identify.write_nct(nct, path)),
-        (options.start, lambda path: identify.write_start(nct, path, gains=gains, base=base)),
+        (options.start, lambda path: identify.write_start(nct, path, gains=gains, base=base, system=system)),
         (options.plot, lambda path: identify.plot_nct(nct, path)),
     )
     return 0 if written else 1

@@ -56,12 +56,14 @@ def add(commands: Any) -> None:
 def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
     from ..fmu.places import base_name
+    from ..system.system import read_system
 
     tables = options.output / "tables.toml"
     check_files(tables)
     check_plot(options.plot)
     well = True
     values = given_values(options.values)
+    system = read_system(options.system, fmus=options.fmus)
     given: dict[str, Any] = {"overrides": values, "timeout": options.timeout, "fmus": options.fmus}
     base = base_name(options.base or options.system, tables)
     learned: dict[str, pulse.Learned] = {}
@@ -72,7 +74,7 @@ def _learn(options: argparse.Namespace) -> int:
         axis = pulse.Axis.named(name)
         if options.monitor:
             learned[axis.pulse] = pulse.load(file)
-            found = pulse.monitor(options.system, learned[axis.pulse], axis, **given)
+            found = pulse.monitor(system, learned[axis.pulse], axis, **given)
             checks[axis.pulse] = found
             if max(point.ratio for point in found) <= pulse.RELEARN:
                 continue
@@ -82,7 +84,7 @@ def _learn(options: argparse.Namespace) -> int:
                 bar.update(done, total, stage)
 
             learned[axis.pulse] = pulse.learn_friction_pulse(
-                options.system, axis, **given, workers=options.workers, progress=advance
+                system, axis, **given, workers=options.workers, progress=advance
             )
         anew.append(axis.pulse)
         # Saved at once: what was learned is kept if the next axis fails or is interrupted.
@@ -96,7 +98,7 @@ def _learn(options: argparse.Namespace) -> int:
     kept = "nothing learned anew" if not anew else f"tables in {tables}"
     show(options, {"pulses": content, "tables": str(tables) if anew else None}, rows, f"Friction pulses, {kept}")
     written = write_files(
-        (tables if anew else None, lambda path: pulse.write_start(learned, path, base=base)),
+        (tables if anew else None, lambda path: pulse.write_start(learned, path, base=base, system=system)),
         (options.plot, lambda path: pulse.plot_learned(learned, path)),
     )
     return 0 if well and written else 1

@@ -14,7 +14,8 @@ from .parser import timeout_argument
 from .systems import given_values
 
 if TYPE_CHECKING:
-    from ..design.linearize import Margins, StateSpace
+    from ..design.linearize import StateSpace
+    from ..design.margins import Margins
     from ..design.workers import Loadable
 
 LIMIT = 1e-8
@@ -26,7 +27,9 @@ def add(commands: Any) -> None:
     linearize = commands.add_parser(
         "linearize",
         help="state space of an instance, margins of its loop",
-        description="State space of an FMU, or of an instance of a system at a time of its run; margins of the loop.",
+        description="State space of an FMU, or of an instance of a system at a time of its run; margins of the loop. "
+        "They hold for the smallest motions around that point: at rest friction is a spring, in motion it has the "
+        "slope of its curve over speed.",
     )
     linearize.examples = (
         "cosim linearize maeda2008/step --instance plant --at 0 --set trajectory.amplitude=1e-7 "
@@ -43,7 +46,9 @@ def add(commands: Any) -> None:
     linearize.add_argument("--outputs", nargs="+", metavar="VAR", help="outputs of the state space (default: all)")
     set_argument(linearize, several=True)
     linearize.add_argument(
-        "--margins", action="store_true", help="margins of the loop with --controller, opened at its command"
+        "--margins",
+        action="store_true",
+        help="margins of the loop with --controller, opened at the command of the instance",
     )
     linearize.add_argument(
         "--controller", default="controller", metavar="NAME", help="instance that closes the loop (default: controller)"
@@ -106,7 +111,7 @@ def _model(
 
 
 def _margins(source: Loadable, at: float, controller: str, plant: str) -> tuple[StateSpace, Margins]:
-    from ..design.linearize import loop_margins
+    from ..design.margins import loop_margins
 
     return loop_margins(source.system(), at=at, controller=controller, plant=plant)
 
@@ -127,7 +132,7 @@ def _show(
         "margins": None if found is None else vars(found),
         "notes": notes,
     }
-    rows: list[tuple[str, ...]] = [("", "State space in SI units", "Unit")]
+    rows: list[tuple[str, ...]] = [("", "State space in these units", "Unit")]
     names = (*model.states, *model.inputs)
     for left, right, labels in ((model.A, model.B, model.states), (model.C, model.D, model.outputs)):
         for label, x, u in zip(labels, left.tolist(), right.tolist(), strict=True):
@@ -139,7 +144,7 @@ def _show(
     if len(model.states):
         show(options, {}, _pole_rows(poles), "Poles")
     if found is not None:
-        show(options, {}, _margin_rows(found), f"Loop with {options.controller}, opened at the command")
+        show(options, {}, _margin_rows(found), f"Loop with {options.controller}, opened at {options.instance}.command")
 
 
 def _sum(factors: Sequence[float], names: Sequence[str]) -> str:
@@ -182,6 +187,11 @@ def _margin_rows(found: Margins) -> list[tuple[str, ...]]:
         exists = math.isfinite(value)
         rows.append((name, f"{value:.4g}" if exists else "none", unit, remark if exists else "the loop does not cross"))
 
+    if stable == "no":
+        hertz = found.mode_frequency / (2.0 * math.pi)
+        swing = f"swings at {hertz:.4g} Hz and " if hertz > 0.0 else ""
+        growth = f"{found.spectral_radius:.4g} times a sample"
+        rows.append(("", "", "", f"the smallest motion {swing}grows {growth}, until a limit or friction bounds it"))
     decibel = 20.0 * math.log10(found.gain) if math.isfinite(found.gain) else math.inf
     row("Gain", decibel, "dB", f"factor {found.gain:.4g}, at {found.gain_frequency / (2.0 * math.pi):.4g} Hz")
     row("Phase", math.degrees(found.phase), "deg", f"at {found.crossover / (2.0 * math.pi):.4g} Hz")

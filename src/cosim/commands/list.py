@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
 from ..errors import DescriptionError
+from ..fmu.text import read_toml
 from .console import fmus_argument, make_table, standard_output
 
 if TYPE_CHECKING:
@@ -70,7 +69,6 @@ def _run(options: argparse.Namespace) -> int:
 
 def _description(path: Path) -> str:
     try:
-        document: Mapping[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return str(read_toml(path).get("description", ""))
+    except DescriptionError:
         return "not readable"
-    return str(document.get("description", ""))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from rich.markup import escape
 
-from ..errors import CosimError, DescriptionError
+from ..errors import CosimError, DescriptionError, listed
 from .compare import comparison_content, show_comparison
 from .console import (
     Bar,
@@ -243,23 +243,15 @@ def _failed(error: RunError, options: argparse.Namespace, record: _RecordFile) -
         if isinstance(error, RecordError):
             print_note(f"Computed up to {result.time[-1]:.9g} s.")
         else:
-            _save(result, options, record, [str(error)], early=True)
+            _save(result, options, record, early=True)
+            _draw(result, options, [str(error)])
     return 1
 
 
-def _save(
-    result: Result,
-    options: argparse.Namespace,
-    record: _RecordFile,
-    notes: Sequence[str],
-    *,
-    early: bool,
-    compared: Comparison | None = None,
-) -> bool:
-    """Write the files of a run. Returns whether all could be written.
+def _save(result: Result, options: argparse.Namespace, record: _RecordFile, *, early: bool) -> bool:
+    """Write the record of a run. Returns whether it could be written, and prints an error if not.
 
-    Prints an error for each file that could not be written; the other files are still written. Prints a note for a run
-    that ended ``early``.
+    Prints a note for a run that ended ``early``.
     """
     well = True
     kept = "; name a file with --output to keep them" if options.output is None else f", kept in {options.output}"
@@ -273,11 +265,17 @@ def _save(
         print_note("Nothing had been computed.")
     elif early:
         print_note(f"Computed up to {result.time[-1]:.9g} s ({record.count(result)} rows){kept}.")
-    drawn = write_files(
+    return well
+
+
+def _draw(
+    result: Result, options: argparse.Namespace, notes: Sequence[str], compared: Comparison | None = None
+) -> bool:
+    """Write the picture and the page of a run. Returns whether both could be written, and prints an error if not."""
+    return write_files(
         (options.plot if result.time.size > 1 else None, lambda path: _plot(result, path, compared)),
         (options.report, lambda path: _report(result, path, notes, compared)),
     )
-    return drawn and well
 
 
 def _plot(result: Result, path: Path, compared: Comparison | None) -> None:
@@ -322,12 +320,10 @@ def _finish(
     every = record.thinned(result)
     thinned = [f"{record.count(result)} rows; figures and pictures are of every {every}th."] if every > 1 else []
     compared = overlay.compare(result) if overlay is not None and result.time.size > 1 else None
-    well = _save(result, options, record, [*notes, *thinned], early=interrupted, compared=compared)
-    well = well and (overlay is None) == (compared is None)
+    well = _save(result, options, record, early=interrupted) and (overlay is None) == (compared is None)
     for note in thinned:
         print_note(f"note: {note}")
     figures = summary(result)
-    code = 0 if well and not bad else 1
     files = {name: None if (path := getattr(options, name)) is None else str(path) for name in _FILES}
     if options.json:
         print_json(
@@ -343,7 +339,17 @@ def _finish(
                 **files,
             }
         )
-        return code
+    else:
+        _show(result, figures, compared)
+    well = _draw(result, options, [*notes, *thinned], compared) and well
+    for file in files.values() if well and not options.json else ():
+        if file is not None:
+            standard_output().print(f"Written: {escape(file)}", soft_wrap=True)
+    return 0 if well and not bad else 1
+
+
+def _show(result: Result, figures: Sequence[FigureOfMerit | Missing], compared: Comparison | None) -> None:
+    """Print the summary of a run."""
     console = standard_output()
     console.print(f"[bold]{escape(str(result.metadata['description'] or result.metadata['system']))}[/]")
     console.print(_table(result, figures))
@@ -352,10 +358,6 @@ def _finish(
     console.print(f"Time of the steps: {seconds:.3g} s, {_real_time_factor(result):.3g} times real time")
     if compared is not None:
         show_comparison(compared)
-    for file in files.values() if well else ():
-        if file is not None:
-            console.print(f"Written: {escape(file)}", soft_wrap=True)
-    return code
 
 
 def _facts(result: Result, elapsed: float) -> dict[str, Any]:
@@ -408,9 +410,8 @@ def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
 def _not_finite(wrong: Mapping[str, float]) -> str:
     """A sentence about the variables that are not finite, in the order of the times from which they are not."""
     first = sorted(wrong.items(), key=lambda item: item[1])
-    shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
-    more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
-    return f"{shown}{more}. No figure is computed from these."
+    shown = listed([f"{name} is not finite from {time:.9g} s on" for name, time in first], MAX_SHOWN_NAMES)
+    return f"{shown}. No figure is computed from these."
 
 
 def _said(result: Result) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,21 @@ from .console import Bar, check_files, fmus_argument, make_table, print_error, p
 from .parser import EXIT_CODES, count, timeout_argument
 
 if TYPE_CHECKING:
-    from ..study import Outcomes, Study, Verdict
+    from ..study import Outcomes, Status, Study, Verdict
+
+COLOURS: Mapping[Status, str] = {
+    "reproduced": "green",
+    "agrees": "green",
+    "fitted": "cyan",
+    "transferred": "magenta",
+    "order only": "yellow",
+    "not reproduced": "red",
+    "differs": "red",
+    "finding": "dim",
+    "not checkable": "dim",
+    "not run": "dim",
+}
+"""The colour of each verdict in the table."""
 
 
 def add(commands: Any) -> None:
@@ -109,7 +124,7 @@ def main(
 def _show(study: Study, outcomes: Outcomes) -> list[Verdict]:
     """Print the verdicts on the claims of a study; returns them."""
     from ..study import judge
-    from ..study.report import KINDS, STYLES, counts, values
+    from ..study.report import KINDS, counts, values
 
     verdicts = [judge(claim, outcomes) for claim in study.claims]
     console = standard_output()
@@ -124,8 +139,8 @@ def _show(study: Study, outcomes: Outcomes) -> list[Verdict]:
                 continue  # the line below counts them; the report has them all
             claim = verdict.claim
             measured = values(verdict.measured, claim) if verdict.measured else verdict.reason
-            style = STYLES[verdict.status]
-            table.add_row(claim.id, escape(claim.text), escape(measured), f"[{style}]{verdict.status}[/]")
+            status = f"[{COLOURS[verdict.status]}]{verdict.status}[/]"
+            table.add_row(claim.id, escape(claim.text), escape(measured), status)
         console.print(table)
         said = ", ".join(f"{count} {status}" for status, count in counts(verdicts, kind).items())
         console.print(f"{title}: {said}. {text}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..extras import require
-from .console import Bar, common_arguments, print_note, show
+from .console import Bar, common_arguments, print_note, show, write_files
 from .parser import EXIT_CODES, RUN_LIMIT, timeout_argument
 
 
@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
     sweep.exit_codes = {
         **EXIT_CODES,
         0: "every run of the design has a row; a run that failed is a row with its reason",
-        1: "the data set could not be written, or the workers were lost",
+        1: "the data set or the report could not be written, or the workers were lost",
     }
     sweep.add_argument("file", type=Path, metavar="SWEEP", help="a sweep file (.toml)")
     sweep.add_argument(
@@ -41,7 +41,7 @@ def add(commands: Any) -> None:
 
 def _sweep(options: argparse.Namespace) -> int:
     from ..design import sweep as sweeps
-    from ..design.sweep_report import read_runs, write_report
+    from ..design.sweep_report import REPORT, read_runs, write_report
 
     require("matplotlib", "the report of a sweep")
     plan = sweeps.read_sweep(options.file, fmus=options.fmus)
@@ -62,7 +62,7 @@ def _sweep(options: argparse.Namespace) -> int:
     for note in outcome.notes:
         print_note(note)
     runs = read_runs(outcome.folder)
-    page = write_report(runs)
+    page = outcome.folder / REPORT
     content: dict[str, Any] = {
         "data": str(outcome.folder / "runs"),
         "report": str(page),
@@ -78,6 +78,8 @@ def _sweep(options: argparse.Namespace) -> int:
     rows += [("Elapsed", f"{outcome.elapsed:.3g} s"), ("Data set", content["data"]), ("Report", content["report"])]
     show(options, content, [("Sweep", ""), *rows], plan.description or plan.name)
     if runs.spreads and not options.json:
-        ends = [(s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), f"{s.run}") for s in runs.spreads]
-        show(options, {}, [("Figure", "Least", "Median", "Largest", "in run"), *ends], "")
-    return 0
+        ends = [
+            (s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), s.unit, f"{s.run}") for s in runs.spreads
+        ]
+        show(options, {}, [("Figure", "Least", "Median", "Largest", "Unit", "in run"), *ends], "")
+    return 0 if write_files((page, lambda path: write_report(runs))) else 1

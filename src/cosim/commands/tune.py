@@ -31,7 +31,7 @@ def add(commands: Any) -> None:
 
 
 def _tune(options: argparse.Namespace) -> int:
-    from ..design.plan import variable_of
+    from ..design.plan import figure_units, variable_of
     from ..design.tune import Trial, read_tuning, tune, write_start
     from ..fmu.places import base_name, has_ending
 
@@ -60,6 +60,7 @@ def _tune(options: argparse.Namespace) -> int:
         "notes": tuned.notes,
     }
     units = {name: variable_of(tuning.system, name).unit or "" for name in tuned.parameters}
+    units |= figure_units(tuning.system, tuning.metrics)
     values = {**tuned.parameters, **tuned.best.figures}
     rows = [(name, f"{value:.6g}", units.get(name, "")) for name, value in values.items()]
     kept = "all limits kept" if tuned.feasible else f"limits NOT kept, excess {tuned.best.excess:.3g}"

@@ -7,7 +7,28 @@
     stability   linear and practical limits of NCTF control, maps of limits
     pulse       learning of friction pulses
     tune        parameters by optimization
-    linearize   state space and sampled-loop margins from directional derivatives
+    linearize   state space from directional derivatives
+    margins     margins of sampled loops
 
 They know FMI and names given as arguments, never a component.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from . import fit, friction, identify, linearize, margins, pulse, stability, sweep, tune
+
+__all__ = ["fit", "friction", "identify", "linearize", "margins", "pulse", "stability", "sweep", "tune"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        return import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..fmu.tables import Number, Positive, Scalar, Seconds, Table, Text
+from ..result.metrics import OF_ONE_SIGNAL
 
 MOST_RUNS = 10**6
 """Largest number of runs that a file may ask for. Their rows fit into memory; a larger number is probably a slip."""
@@ -68,8 +69,8 @@ class MetricData(Table):
 
     EXAMPLE: ClassVar[str] = '{ of = "rms", signal = "controller.error" }'
 
-    of: Text
-    """The figure: max_abs, rms, std, mean, min, max, last, peak_to_peak or total_variation."""
+    of: Annotated[Text, Field(json_schema_extra={"enum": [*OF_ONE_SIGNAL]})]
+    """The figure."""
     signal: Text
     """``INSTANCE.VARIABLE``. It is recorded for the figure."""
 

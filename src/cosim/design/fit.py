@@ -22,12 +22,15 @@ from typing import Any, cast
 from ..errors import CosimError, SimulationError
 from ..files import write_file
 from ..fmu import tables
+from ..public import public_names
 from ..result.metrics import Array
 from .fit_file import Fit, FitRecord, Output, read_fit
 from .fit_runs import Runs, expected
 from .fit_solver import Found, Solver
 from .fit_statistics import NORMAL, Peak, Spread, Weak, agreement, peaks, repeatability
 from .workers import check_workers
+
+__dir__ = public_names(globals(), "Fit", "read_fit")
 
 ALIKE = 0.99
 """Pairs of values with a larger correlation are reported: the records hardly tell them apart."""

@@ -26,10 +26,13 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import DescriptionError
+from ..public import public_names
 from ..record.read import read_record
 from ..result.metrics import Array, window
 from ..units import conversion, parse_unit, resolve_unit
 from .fit_statistics import NORMAL, fast_noise, memory
+
+__dir__ = public_names(globals())
 
 ORDER = 3
 """Order of the local polynomial: the lowest one that can follow a changing acceleration."""

@@ -6,21 +6,23 @@ import hashlib
 import itertools
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from ..errors import DescriptionError, SimulationError, suggest
+from ..errors import DescriptionError, SimulationError, shortened, suggest
 from ..fmu.places import shipped_file
 from ..fmu.tables import checked
 from ..fmu.text import read_toml
 from ..fmu.variables import Variable
+from ..master.metadata import result_columns, system_metadata
 from ..result import metrics as figures
+from ..result.metrics import OF_ONE_SIGNAL
 from ..result.result import Result
-from ..result.summary import not_finite, tracking
+from ..result.summary import not_finite, tracking, tracking_units
 from ..system.signals import setting
 from ..system.system import System, read_system
 from ..system.values import start_value
@@ -40,20 +42,6 @@ class Metric:
     signal: str
 
 
-FUNCTIONS: Mapping[str, Callable[[figures.Array, figures.Array], float]] = {
-    "max_abs": lambda time, signal: figures.max_abs(signal),
-    "rms": lambda time, signal: figures.rms(signal),
-    "std": lambda time, signal: figures.std(signal),
-    "mean": lambda time, signal: float(np.mean(signal)),
-    "min": lambda time, signal: float(np.min(signal)),
-    "max": lambda time, signal: float(np.max(signal)),
-    "last": lambda time, signal: float(signal[-1]),
-    "peak_to_peak": lambda time, signal: float(np.ptp(signal)),
-    "total_variation": figures.total_variation,
-}
-"""Value of ``of`` in a metric -> the function that computes the metric."""
-
-
 def measure(result: Result, wanted: Sequence[Metric], window: tuple[float, float]) -> dict[str, float]:
     """The figures of a run within ``window`` (begin and end in s); without ``wanted``, the tracking figures.
 
@@ -68,7 +56,18 @@ def measure(result: Result, wanted: Sequence[Metric], window: tuple[float, float
         return tracking(result, window)
     part = figures.window(result.time, *window)
     time = result.time[part]
-    return {metric.name: FUNCTIONS[metric.of](time, result[metric.signal][part]) for metric in wanted}
+    return {metric.name: OF_ONE_SIGNAL[metric.of](time, result[metric.signal][part]) for metric in wanted}
+
+
+def figure_units(system: System, wanted: Sequence[Metric]) -> dict[str, str]:
+    """The unit of each figure that ``measure`` gives of a run of the system, by name."""
+    system = recording(system, wanted)
+    columns, nothing = result_columns(system), np.empty(0)
+    if not wanted:
+        empty = np.empty((0, len(columns)))
+        return tracking_units(Result(nothing, empty, columns, False, (), 0, {}, system_metadata(system)))
+    units = {column.name: column.unit for column in columns}
+    return {m.name: units[m.signal] + ("/s" if m.of == "total_variation" else "") for m in wanted}
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,7 @@ def _records(system: System, parameters: Sequence[str], points: Sequence[Point])
 
 
 def check_values(variables: Mapping[str, Variable], rows: Sequence[Point]) -> None:
-    """Raise DescriptionError for values that the variables do not accept; it names the first ten."""
+    """Raise DescriptionError for values that the variables do not accept; the first of them are listed."""
     problems: dict[str, None] = {}
     for row in rows:
         for (path, variable), value in zip(variables.items(), row, strict=True):
@@ -200,7 +199,7 @@ def check_values(variables: Mapping[str, Variable], rows: Sequence[Point]) -> No
             if problem:
                 problems[f"parameters.{path}: {problem}"] = None
     if problems:
-        raise DescriptionError(list(problems)[:10])
+        raise DescriptionError(shortened(list(problems)))
 
 
 def _points(data: SweepData, variables: Mapping[str, Variable]) -> tuple[Point, ...]:
@@ -271,8 +270,8 @@ def figures_of(data: RunsData, system: System) -> tuple[tuple[Metric, ...], tupl
                 window = given[0], given[1]
         elif name == "window":
             problems.append("metrics.window: give begin and end in seconds, such as [1.0, 2.0].")
-        elif given.of not in FUNCTIONS:
-            problems.append(f"metrics.{name}.of: '{given.of}' is no figure.{suggest(given.of, FUNCTIONS)}")
+        elif given.of not in OF_ONE_SIGNAL:
+            problems.append(f"metrics.{name}.of: '{given.of}' is no figure.{suggest(given.of, OF_ONE_SIGNAL)}")
         else:
             try:
                 signal = given.signal

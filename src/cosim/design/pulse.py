@@ -37,10 +37,14 @@ import numpy as np
 from ..errors import DescriptionError
 from ..files import write_file
 from ..fmu import tables
+from ..public import public_names
 from ..result.metrics import Array
 from ..system.system import System, read_system
 from .names import AxisNames, axis_names
+from .quantities import si_factor
 from .reversals import LEAD_OUT, Axis, AxisRuns, Job, Pulse
+
+__dir__ = public_names(globals())
 
 ACCELERATIONS = (2e-3, 10e-3, 40e-3, 120e-3)
 """Reverse accelerations at which durations are learned, m/s2; the first and last bound the tables."""
@@ -148,7 +152,8 @@ def learn_friction_pulse(
     if rise_time is None:
         name = axis.names.pulse.rise_time
         variable = system.variable(axis.pulse, name)
-        rise_time = float(system.instance(axis.pulse).start.get(name, variable.start or 0.0))
+        given = float(system.instance(axis.pulse).start.get(name, variable.start or 0.0))
+        rise_time = si_factor(system, f"{axis.pulse}.{name}", "s") * given
     with AxisRuns(system, axis, radius=radius, workers=workers, timeout=timeout) as runs:
         return _learn(runs, acceleration_max * rise_time, alpha, progress)
 
@@ -222,7 +227,8 @@ def table_costs(runs: AxisRuns, tables: Tables, t_c: Array) -> Array:
 def peak_time(error: Array) -> float:
     """Position of the largest magnitude in samples, from a parabola fitted to the samples of the peak.
 
-    Rounding of the error makes the top flat, so that the largest sample alone is not unique.
+    Rounding of the error makes the top flat, so that the largest sample alone is not unique. Raises DescriptionError
+    for an error without a peak.
     """
     size = np.abs(error)
     top = int(np.argmax(size))
@@ -347,22 +353,29 @@ def load(path: Path) -> Learned:
 
 
 def write_start(
-    learned: Mapping[str, Learned], path: Path, *, base: str | None = None, names: AxisNames | None = None
+    learned: Mapping[str, Learned],
+    path: Path,
+    *,
+    base: str | None = None,
+    names: AxisNames | None = None,
+    system: System | None = None,
 ) -> None:
     """Write a system file that gives each pulse instance its tables; ``base`` is the file that it extends.
 
-    Raises FileError.
+    The tables are in the units of ``system``, or in SI units without it. Raises FileError; DescriptionError if the
+    units of ``system`` do not fit.
     """
     pulse = (names or axis_names()).pulse
     values: dict[str, Any] = {}
     for instance, result in learned.items():
-        found = {
-            **pulse.table,
-            pulse.table_acceleration: result.tables.acceleration.tolist(),
-            pulse.table_amplitude: result.tables.amplitude.tolist(),
-            pulse.table_duration: result.tables.duration.tolist(),
-        }
-        values |= {f"{instance}.{name}": value for name, value in found.items()}
+        values |= {f"{instance}.{name}": value for name, value in pulse.table.items()}
+        for name, unit, nodes in (
+            (pulse.table_acceleration, "m/s2", result.tables.acceleration),
+            (pulse.table_amplitude, "m/s", result.tables.amplitude),
+            (pulse.table_duration, "s", result.tables.duration),
+        ):
+            factor = 1.0 if system is None else si_factor(system, f"{instance}.{name}", unit)
+            values[f"{instance}.{name}"] = (nodes / factor).tolist()
     tables.write_start(path, values, base=base, digits=9)
 
 

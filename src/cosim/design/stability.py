@@ -35,16 +35,20 @@ from ..fmu.places import shipped_file
 from ..fmu.tables import read_table
 from ..master.failure import ProcessError
 from ..master.simulation import Simulation
+from ..public import public_names
 from ..result.metrics import Array
 from ..result.result import Result
 from ..system.system import System, read_system
 from .documents import MapData
-from .identify import identify_nct
+from .identify import POSITIONS, identify_nct
 from .linearize import StateSpace
 from .names import nctf_names
+from .quantities import gain_factor, si_factor
 from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
 from .workers import Loadable, Worker
+
+__dir__ = public_names(globals())
 
 SERIES_BELOW = 0.05
 """Below this alpha*T, differences of nearly equal numbers are computed from their series to avoid cancellation."""
@@ -56,7 +60,10 @@ _log = logging.getLogger(__name__)
 
 
 def jury_stable(coefficients: Sequence[float] | Array) -> bool:
-    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test)."""
+    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test).
+
+    Raises DescriptionError if the highest coefficient is 0.
+    """
     row = np.asarray(coefficients, dtype=np.float64)
     if row.size == 0 or row[0] == 0.0:
         raise DescriptionError("the highest coefficient is 0.")
@@ -165,7 +172,8 @@ def nctf_spectral_radius(
 def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float = 0.0, delay: int = 0) -> float:
     """Largest stable K_P of NCTF control on a linear plant (see ``nctf_spectral_radius``).
 
-    With K_I = 0 the eigenvalue 1 of the unused integrator does not count.
+    With K_I = 0 the eigenvalue 1 of the unused integrator does not count. Raises DescriptionError if no K_P from 1e-6
+    to 1e6 is stable.
     """
     bound = 1.0 + 1e-9
 
@@ -206,6 +214,7 @@ def practical_limit(
     names = nctf_names()
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
     if isinstance(source, Simulation):
+        swing /= si_factor(source.system, position, *POSITIONS)
         variant = source.system.changed(overrides)
         simulation = source
         return search_limit(
@@ -213,17 +222,11 @@ def practical_limit(
         )
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
-    tried: dict[float, bool] = {}
-
-    def found() -> list[str]:
-        rest, swinging = ([value for value, swings in tried.items() if swings is each] for each in (False, True))
-        told = [f"comes to rest at {gain} = {max(rest):.6g}"] if rest else []
-        return [*told, f"oscillates at {min(swinging):.6g}"] if swinging else told
-
+    swing /= si_factor(system, position, *POSITIONS)
+    found: dict[str, float] = {}
     with Worker() as worker, _told_if_ended(found):
-        trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing)
-        oscillates = trials.oscillates({})
-        return search_limit(lambda value: tried.setdefault(value, oscillates(value)), first, last)
+        trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing, found)
+        return search_limit(trials.oscillates({}), first, last)
 
 
 @dataclass(frozen=True)
@@ -236,6 +239,8 @@ class _Trials:
     gain: str
     position: str
     swing: float
+    ends: dict[str, float]
+    """Gets the last gain found stable and the last one found unstable."""
 
     def oscillates(self, changes: Mapping[str, object]) -> Callable[[float], bool]:
         """A function: gain -> whether the position oscillates, with the start values ``changes``."""
@@ -248,6 +253,7 @@ class _Trials:
             except ProcessError as error:
                 raise error.of(f"{self.system.name} at {self.gain} = {value:g}") from None
             self.limit.learn(self.worker.seconds)
+            self.ends[f"{self.gain} {'unstable' if result.sustained else 'stable'} at"] = value
             return result.sustained
 
         return found
@@ -334,7 +340,7 @@ def limit_map(
 
     ``K`` in m/s for a unit of command is the constant of the gain formulas. The scan of a loop begins at
     ``start_share`` of the case's ultimate gain. ``progress`` gets the number of searches done and the total. Names,
-    ``timeout`` and errors are as in ``practical_limit``.
+    ``timeout`` and errors are as in ``practical_limit``. Raises DescriptionError, too, for a case without such a limit.
     """
     names = nctf_names()
     gain = gain or names.of_controller(names.controller.proportional)
@@ -343,26 +349,25 @@ def limit_map(
     position = position or names.position
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
+    swing /= si_factor(system, position, *POSITIONS)
     name, _, variable = sampling.partition(".")
     given = system.instance(name).start.get(variable, system.variable(name, variable).start)
-    T_s = float(given if given is not None else system.step_size)
+    T_s = float(system.step_size) if given is None else si_factor(system, sampling, "s") * float(given)
+    # The formulas take gains of a position in m.
+    per_metre = gain_factor(system, gain, names.command, "m/s")
     ultimate: dict[str, float] = {}
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
-    integrals = _integral_gains(system, cases, integral, T_s, K)
-
-    def found() -> list[str]:
-        told = [f"ultimate gain of {case} {value:.6g}" for case, value in ultimate.items()]
-        return told + [f"damping ratio of {point.case} at W = {point.W:g} {point.found:.4g}" for point in points]
-
+    integrals = _integral_gains(system, cases, integral, T_s, K * gain_factor(system, integral, names.command, "m"))
+    found: dict[str, float] = {}
     with Worker() as worker, _told_if_ended(found):
-        trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
+        trials = _Trials(system, worker, Timeout(timeout), gain, position, swing, found)
         for case in cases:
             unstable = trials.oscillates({**case.overrides, integral: 0.0})
             limit = search_limit(unstable, case.first, 1e3 * case.first)
             if not math.isfinite(limit.value):
                 raise DescriptionError(f"case {case.name}: no limit between {case.first:g} and {1e3 * case.first:g}.")
-            ultimate[case.name] = limit.value
+            ultimate[case.name] = found[f"ultimate gain of {case.name}"] = limit.value
             runs += limit.runs
             progress(len(ultimate) + len(points), total)
             for w, integral_gain in zip(case.W, integrals[case.name], strict=True):
@@ -370,7 +375,8 @@ def limit_map(
                 first = start_share * limit.value
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
-                points.append(_map_point(case, w, limit.value, first, searched, K=K, T_s=T_s))
+                points.append(_map_point(case, w, limit.value, first, searched, K=per_metre * K, T_s=T_s))
+                found[f"damping ratio of {case.name} at W = {w:g}"] = points[-1].found
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
 
@@ -388,13 +394,13 @@ def _map_point(
 
 
 @contextlib.contextmanager
-def _told_if_ended(found: Callable[[], Sequence[str]]) -> Generator[None]:
+def _told_if_ended(found: Mapping[str, float]) -> Generator[None]:
     """Log what was found so far if the search of limits ends early."""
     try:
         yield
     except (KeyboardInterrupt, CosimError):
-        if told := found():
-            _log.warning("ended early. Found so far: %s", "; ".join(told))
+        if told := "; ".join(f"{name} {value:.6g}" for name, value in found.items()):
+            _log.warning("ended early. Found so far: %s", told)
         raise
 
 
@@ -462,8 +468,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
         alpha = case.alpha or data.alpha
         overrides: dict[str, object] = {**data.overrides, **case.overrides}
         if case.nct and data.pulse is not None:
-            error, rate = identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).nodes()
-            overrides |= {f"{controller}.{names.nct_error}": list(error), f"{controller}.{names.nct_rate}": list(rate)}
+            overrides |= identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).start_values(controller, system)
         cases.append(Case(name, overrides, case.W or data.W, alpha, case.first))
     return MapFile(data.description, system, tuple(cases), data.K, data.timeout)
 

@@ -42,11 +42,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..extras import require
+from ..public import public_names
 from .batch import Job, run_batch
 from .crew import BatchLost, Cluster, Crew, Threads
 from .dataset import DATA_SET, DataSet, RunRow
 from .plan import Sweep, read_sweep
 from .workers import Limit, check_workers, unload
+
+__dir__ = public_names(globals(), "Sweep", "read_sweep")
 
 BATCH_SECONDS = 1.0
 """Time of the runs in one batch: long compared with the overhead of a batch, but short enough to lose little work when

@@ -40,11 +40,14 @@ from ..fmu import tables
 from ..fmu.places import shipped_file
 from ..fmu.tables import checked
 from ..fmu.text import read_toml
+from ..public import public_names
 from ..result.metrics import Array
 from ..system.system import System
 from .documents import RangeData, TuningData
 from .plan import Metric, check_values, figures_of, measure, recording, system_of, variable_of
 from .workers import Limit, Loadable, LoadError, Pool, Worker, check_workers
+
+__dir__ = public_names(globals())
 
 EDGE = 0.03
 """A value within this share of its range from an end counts as at the end: the search takes no exact ends."""

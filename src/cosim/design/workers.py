@@ -31,8 +31,8 @@ from ..files import reason, temporary_folder, temporary_variables
 from ..master.board import Board, mapped
 from ..master.child import Channel, high, sent
 from ..master.failure import ProcessError, process_error
+from ..master.interrupts import ENDING
 from ..master.process import FmuProcess, shared_memory
-from ..master.signals import ENDING
 from ..master.simulation import Simulation
 from ..result.result import Result
 from ..system.system import System, make_system

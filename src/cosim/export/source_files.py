@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib
 import importlib.util
 import inspect
@@ -12,13 +13,14 @@ import tokenize
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from ..errors import DescriptionError, TraceError, suggest
 from ..model import Component, Controller, Plant, Source
-from .place import of_class, of_error, place
+from .place import of_author, of_class, of_error, place
 
 TAKEN = ("cosim", "pythonfmu")
 """Names of packages that a Python FMU holds beside the author's files."""
@@ -98,11 +100,11 @@ def _imported(path: Path) -> ModuleType:
     if where.module.partition(".")[0] in TAKEN:
         raise DescriptionError(f"{path.name}: the name {where.module} is taken. Give the file another name.")
     if str(where.root) not in sys.path:
-        sys.path.insert(0, str(where.root))
+        # Behind all others: a file called numpy.py beside the component must not hide NumPy from the other packages.
+        sys.path.append(str(where.root))
+    _prepare_imports(where, path)
     try:
-        if "." in where.module:
-            return importlib.import_module(where.module)
-        return _from_file(path, where.module)
+        return importlib.import_module(where.module) if "." in where.module else _from_file(path, where.module)
     except SyntaxError as error:
         at = place(error.filename or str(path), error.lineno)
         raise DescriptionError(f"{at}: {error.msg}. Python cannot read this line.") from error
@@ -115,6 +117,56 @@ def _imported(path: Path) -> ModuleType:
             hint = f" Put {error.name}.py beside {path.name}, or install {error.name}."
         text = f"{type(error).__name__}: {error}".rstrip(": .")
         raise DescriptionError(f"{at}: importing it failed: {text}.{hint}") from error
+
+
+class _Beside:
+    """Finds the files beside the component that is imported, before a module of the same name elsewhere is found."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, Path] = {}
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """The module of the file called ``name``; None if there is none."""
+        file = self.files.get(name)
+        return None if file is None else importlib.util.spec_from_file_location(name, file)
+
+
+_beside = _Beside()
+
+
+def _prepare_imports(where: Origin, path: Path) -> None:
+    """Let the imports of a component find the files beside it.
+
+    A module of the same name that another component imported is forgotten. Raises DescriptionError for each file that
+    has the name of an installed module or one of Python: other packages need those.
+    """
+    if _beside not in sys.meta_path:
+        sys.meta_path.insert(0, _beside)
+    _beside.files = {}
+    problems: list[str] = []
+    imported: dict[str, Path] = {}
+    with contextlib.suppress(SyntaxError):  # the import tells the line
+        for module, file in needed_files(where, path).items():
+            imported |= {name.partition(".")[0]: file for name in imported_modules(file, module)}
+    for top, file in imported.items():
+        beside = where.file(top) if top and top not in TAKEN else None
+        if beside is None:
+            continue
+        other = importlib.util.find_spec(top)
+        if other is None or Path(other.origin or "").resolve() == beside.resolve():
+            continue
+        if other.origin is not None and Path(other.origin).is_file() and of_author(other.origin):
+            for name in [name for name in sys.modules if name.partition(".")[0] == top]:
+                del sys.modules[name]
+            _beside.files[top] = beside
+            continue
+        mine = beside.parent.name if beside.name == "__init__.py" else beside.name
+        problems.append(
+            f"{file.name}: 'import {top}' means {mine} beside it, but {top} is a module of Python or installed "
+            f"({other.origin}). Rename {mine} and its imports."
+        )
+    if problems:
+        raise DescriptionError(problems)
 
 
 def _from_file(path: Path, name: str) -> ModuleType:

@@ -20,7 +20,7 @@ from platform import machine
 from types import MappingProxyType
 from typing import Any
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, listed
 from ..units import Unit, resolve_unit
 from .archive import checked_members, opened, repeated, unpack
 from .reading import read_description
@@ -32,6 +32,10 @@ MAX_DESCRIPTION_BYTES = 64 * 2**20
 
 ELEMENT = re.compile(r"(?P<name>.+)\[(?P<index>\d+(?:\s*,\s*\d+)*)\]")
 """Name of an array element: ``a[1]``, or ``a[1,2]`` in an array of two dimensions."""
+
+
+SHOWN_CLOCKS = 5
+"""Largest number of clocks that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Fmu:
     stop_time: float | None
     step_size: float | None
     tolerance: float | None
-    """Times, step and tolerance of DefaultExperiment, where the file states them."""
+    """Times, step and tolerance of DefaultExperiment; None where the file states none, or none that can be meant."""
     platforms: tuple[str, ...]
     library: str | None
     """The archive member to load on this machine; None if the FMU has no binary for it."""
@@ -218,7 +222,7 @@ def _describe(  # noqa: PLR0917
         obstacles = [_no_binary(folders, identifier, extension, names)]
     units = {unit.name: unit for unit in model.unitDefinitions}
     dependencies, unstated = read_dependencies(model, variables)
-    times = {name: _time(model.defaultExperiment, name, findings) for name in TIMES}
+    times = _experiment(model.defaultExperiment, findings)
     return Fmu(
         path=path,
         fmi=version,
@@ -252,14 +256,39 @@ def _describe(  # noqa: PLR0917
 TIMES = ("startTime", "stopTime", "stepSize", "tolerance")
 
 
-def _time(experiment: Any, name: str, findings: list[str]) -> float | None:
-    """A number of DefaultExperiment; None if it is missing or not a number."""
+def _experiment(experiment: Any, findings: list[str]) -> dict[str, float | None]:
+    """The numbers of DefaultExperiment. One that cannot be meant is a finding and counts as missing (None)."""
+    given = {name: _number(experiment, name, findings) for name in TIMES}
+
+    def leave_out(name: str, reason: str) -> None:
+        findings.append(f"DefaultExperiment: {name} is {given[name]:g}{reason}. Left out.")
+        given[name] = None
+
+    start, stop, step, tolerance = (given[name] for name in TIMES)
+    if stop is not None and stop < (start or 0.0):
+        leave_out("stopTime", f" s, before startTime = {start or 0.0:g} s")
+        stop = None
+    length = None if stop is None else stop - (start or 0.0)
+    if step is not None and step <= 0.0:
+        leave_out("stepSize", " s; a step is longer than 0 s")
+    elif step is not None and length and step > length:
+        leave_out("stepSize", f" s, longer than the experiment of {length:g} s")
+    if tolerance is not None and not 0.0 < tolerance < 1.0:
+        leave_out("tolerance", "; a relative tolerance lies between 0 and 1")
+    return given
+
+
+def _number(experiment: Any, name: str, findings: list[str]) -> float | None:
+    """A number of DefaultExperiment; None if it is missing or not a finite number."""
     text = None if experiment is None else getattr(experiment, name)
     try:
-        return None if text is None else float(text)
+        number = None if text is None else float(text)
     except ValueError:
-        findings.append(f"DefaultExperiment: {name} is '{text}', which is no number. Left out.")
+        number = math.nan
+    if number is not None and not math.isfinite(number):
+        findings.append(f"DefaultExperiment: {name} is '{text}', which is no finite number. Left out.")
         return None
+    return number
 
 
 def _obstacles(model: Any, version: int) -> list[str]:
@@ -274,7 +303,7 @@ def _obstacles(model: Any, version: int) -> list[str]:
         return ["only for model exchange. Export it for co-simulation."]
     clocks = [v.name for v in model.modelVariables if v.type == "Clock"]
     if clocks:
-        shown = ", ".join(clocks[:5]) + (" ..." if len(clocks) > 5 else "")
+        shown = listed(clocks, SHOWN_CLOCKS)
         return [f"its model has clocks ({shown}), and cosim activates no clocks. Export it without them."]
     return []
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import DescriptionError, suggest
-from .text import named_path
+from .text import named_path, read_toml
 
 FMU_FOLDER = Path("build") / "fmus" / "native"
 
@@ -124,8 +123,8 @@ def _shipped(pattern: str) -> Iterator[Path]:
 def _is_system(path: Path) -> bool:
     """Whether a TOML file is a system: it has instances, or has a base file to complete."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        document = read_toml(path)
+    except DescriptionError:
         return True  # A damaged file is listed, so that its error is seen.
     return "instances" in document or "base" in document
 

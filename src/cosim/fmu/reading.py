@@ -13,6 +13,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from ..files import temporary_folder
+from .variables import DisplayUnit
 from .xml import parse
 
 fmi: Any = import_module("fmpy.model_description")
@@ -93,10 +94,16 @@ def _text(error: Exception, file: str) -> str:
 def _completed(model: Any, root: Any) -> Any:
     """FMPy's ModelDescription with the attributes that FMPy does not read.
 
-    These are relativeQuantity of all variables, and the bounds of unsigned integers.
+    These are relativeQuantity of all variables, the bounds of unsigned integers, and inverse of display units.
     """
     elements = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
     aliases = {alias.get("name"): alias.getparent() for alias in root.iterfind("ModelVariables/*/Alias")}
+    inverse = {(e.getparent().get("name"), e.get("name")) for e in _inverse(root)}
+    for unit in model.unitDefinitions:
+        unit.displayUnits = [
+            DisplayUnit(shown.name, shown.factor, shown.offset, (unit.name, shown.name) in inverse)
+            for shown in unit.displayUnits
+        ]
     for variable in model.modelVariables:
         element = elements.get(variable.name, aliases.get(variable.name))
         if element is None:
@@ -125,11 +132,21 @@ def _mend(root: Any) -> list[str]:
             if declared is not None and declared not in defined:
                 del value.attrib["declaredType"]
                 findings.append(f"variable '{name}': its declaredType '{declared}' is not defined. Left out.")
+    for shown in _inverse(root):
+        if shown.attrib.pop("offset", "0").strip(" 0.") != "":
+            findings.append(f"display unit '{shown.get('name')}' is inverse and has an offset. The offset is left out.")
     if root.get("fmiVersion") == "2.0":
         for variable in variables:
             findings += _mend_variability(variable)
         findings += _mend_structure(root, len(variables))
     return findings
+
+
+def _inverse(root: Any) -> list[Any]:
+    """The display units of FMI 3.0 that show ``factor / value``."""
+    return [
+        shown for shown in root.iterfind("UnitDefinitions/Unit/DisplayUnit") if shown.get("inverse") in ("true", "1")
+    ]
 
 
 def _mend_variability(variable: Any) -> list[str]:

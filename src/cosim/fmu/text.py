@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ..errors import DescriptionError, suggest
+from .toml_errors import explained, line_with
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -89,10 +90,11 @@ def read_toml(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise DescriptionError(f"{path.name}: tables or lists are nested too deeply.") from None
     except ArithmeticError:
-        raise DescriptionError(f"{path.name}: a number has an exponent that is too large.") from None
+        where = line_with(text, r"[eE][-+]?\d{10}")
+        raise DescriptionError(f"{path.name}: a number has an exponent that is too large{where}.") from None
     except ValueError as error:
         # Also raised for whole numbers with thousands of digits.
-        raise DescriptionError(f"{path.name}: not valid TOML: {error}.") from None
+        raise DescriptionError(f"{path.name}: not valid TOML: {explained(text, error)}") from None
     return document
 
 

@@ -26,11 +26,12 @@ A larger number can only be an attempt to fill the memory.
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """``value in this unit = factor * value + offset``."""
+    """``value in this unit = factor * value + offset``, or ``factor / value`` for an ``inverse`` unit of FMI 3.0."""
 
     name: str
     factor: float = 1.0
     offset: float = 0.0
+    inverse: bool = False
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,8 @@ def _scalars(v: Any, version: int, units: Mapping[str, Any], findings: list[str]
     if display is not None and unit is not None and unit in units:
         for candidate in units[unit].displayUnits:
             if candidate.name == display:
-                shown = DisplayUnit(display, float(candidate.factor), 0.0 if relative else float(candidate.offset))
+                offset = 0.0 if relative else float(candidate.offset)
+                shown = DisplayUnit(display, float(candidate.factor), offset, candidate.inverse)
     bounded = kind in ("Real", "Integer", "Enumeration")
     low, high = (_number(v.name, bound, of(bound), findings) if bounded else None for bound in ("min", "max"))
     items = {item.name: int(item.value) for item in declared.items} if kind == "Enumeration" and declared else {}

@@ -32,10 +32,10 @@ from ..result.result import Result
 from ..system.system import System, make_system
 from .board import FINISHED, Board, mapped
 from .instance import Log, RunError
+from .interrupts import ENDING, Presses
 from .loading import loaded
 from .program import make_program
 from .run import Interrupted, Run
-from .signals import ENDING, Presses
 
 HIGH = 400
 """Lowest file number of the pipes. Some FMUs close all low file numbers; they do not reach this one."""

@@ -188,9 +188,14 @@ class _Missing:
 class FMU2Tolerant(fmi2.FMU2Slave):
     """FMPy's FMU2Slave for libraries without functions of ``OPTIONAL``. FMPy needs a name that begins with FMU2."""
 
-    def _loadFunctions(self) -> None:
-        self.dll = _Library(self.dll, self.instanceName)
-        fmi2.FMU2Slave._loadFunctions(self)
+    @property
+    def dll(self) -> _Library:
+        """The library. FMPy sets it after loading, and then looks up all functions."""
+        return self._tolerant
+
+    @dll.setter
+    def dll(self, library: Any) -> None:
+        self._tolerant = _Library(library, self.instanceName)
 
 
 _LOADING = threading.Lock()

@@ -25,9 +25,9 @@ from .board import DRAINED, FINISHED, STEPPING, STOP, Board
 from .child import Assignment, Ending, sent
 from .failure import CallClock, process_error
 from .instance import MAX_TEXT, RunError, log_message
+from .interrupts import Presses, counted
 from .process import FmuProcess, fork_process, may_fork, shared_memory, start_process
 from .run import Interrupted, Progress, check_memory, make_result, row_times
-from .signals import Presses, counted
 
 POLL_SECONDS = 0.05
 """Time between two looks of the watching process. A message or the end of the run wakes it at once."""

@@ -117,7 +117,7 @@ def _column(name: str, variable: Variable) -> Column:
     shown = variable.display_unit
     if shown is None:
         return Column(name, unit, variable.description, unit)
-    return Column(name, unit, variable.description, shown.name, shown.factor, shown.offset)
+    return Column(name, unit, variable.description, shown.name, shown.factor, shown.offset, shown.inverse)
 
 
 @cache

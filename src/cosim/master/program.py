@@ -20,16 +20,13 @@ from .tables import Tables, table_slots
 
 def same_program(one: System, other: System) -> bool:
     """Whether two variants of a system have the same program: they differ only in start values, times and tolerance."""
-    same = (
-        one.connections == other.connections
-        and one.record == other.record
-        and one.evaluation_order == other.evaluation_order
-    )
-    same = same and one.signals == other.signals
-    multiples = [(i.name, i.step_multiple) for i in one.instances] == [
-        (i.name, i.step_multiple) for i in other.instances
-    ]
-    return same and multiples and one.parallel == other.parallel
+    return _decisive(one) == _decisive(other)
+
+
+def _decisive(system: System) -> tuple[object, ...]:
+    """All of a system on which its program depends."""
+    steps = [(instance.name, instance.step_multiple) for instance in system.instances]
+    return system.connections, system.record, system.signals, system.evaluation_order, system.parallel, steps
 
 
 @dataclass

@@ -20,9 +20,9 @@ from ..system.values import is_numeric
 from . import loop, loop_plain
 from .board import IN_LOOP, STEPPING, STOP, Board
 from .instance import STATUS, FmuInstance, Log, RunError
+from .interrupts import Ended, Presses
 from .metadata import result_columns, system_metadata
 from .program import Program
-from .signals import Ended, Presses
 from .tables import POINTS
 
 Progress = Callable[[float], None]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, shortened
 from ..fmu.text import read_text
 from .header import is_units_row, unit_text
 
@@ -161,7 +161,7 @@ class CsvTable:
             numbers = (self._number(cells[column]) for column in columns)
             result[row] = [math.nan if number is None else number for number in numbers]
         if problems:
-            raise DescriptionError(shortened(self._path, problems, "lines"))
+            raise DescriptionError(shortened(problems, "lines"))
         return result
 
     def _number(self, cell: str) -> float | None:
@@ -211,13 +211,3 @@ def _delimiter(lines: Sequence[str]) -> str:
 
 def _counted(cells: int) -> str:
     return f"{cells} cell{'' if cells == 1 else 's'}"
-
-
-MOST_PROBLEMS = 5
-"""Largest number of wrong cells or lines that an error lists."""
-
-
-def shortened(path: Path, problems: Sequence[str], what: str = "cells") -> list[str]:
-    """The first problems of a file, and a line with the number of the others."""
-    more = len(problems) - MOST_PROBLEMS
-    return [*problems[:MOST_PROBLEMS], *([f"{path}: {more} more {what} like these."] if more > 0 else [])]

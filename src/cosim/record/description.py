@@ -19,7 +19,10 @@ CONTEXT = "http://www.w3.org/ns/csvw"
 
 @dataclass(frozen=True)
 class Column:
-    """The description of a recorded variable; ``value in display_unit = display_factor*value + display_offset``."""
+    """The description of a recorded variable.
+
+    ``value in display_unit = display_factor*value + display_offset``, or ``display_factor/value`` for an inverse unit.
+    """
 
     name: str
     unit: str
@@ -27,6 +30,7 @@ class Column:
     display_unit: str
     display_factor: float = 1.0
     display_offset: float = 0.0
+    display_inverse: bool = False
 
 
 def description_path(csv: Path) -> Path:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, listed
 
 MOST_NAMES = 8
-"""Largest number of names in a line of text."""
+"""Largest number of signals in a line of text."""
 
 
 def optional(package: str, method: str) -> Any:
@@ -36,7 +36,7 @@ def dataframe(
     Raises DescriptionError if pandas is not installed.
     """
     pandas = optional("pandas", "to_dataframe")
-    names = [f"{name} [{unit}]" if in_names and unit not in ("", "1") else name for name, unit in units.items()]
+    names = _labels(units) if in_names else list(units)
     index = pandas.Index(time, name="time [s]" if in_names else "time")
     frame = pandas.DataFrame(values, index=index, columns=names)
     frame.attrs["units"] = dict(units)
@@ -44,11 +44,14 @@ def dataframe(
     return frame
 
 
-def listed(names: Iterable[str]) -> str:
-    """The first of ``names``, and how many more there are."""
-    every = list(names)
-    shown = every if len(every) <= MOST_NAMES else [*every[: MOST_NAMES - 1], f"{len(every) - MOST_NAMES + 1} more"]
-    return ", ".join(shown)
+def _labels(units: Mapping[str, str]) -> list[str]:
+    """Names of signals with their units, such as ``x [mm]``."""
+    return [name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in units.items()]
+
+
+def signals_text(units: Mapping[str, str]) -> str:
+    """The first signals with their units, and how many more there are."""
+    return listed(_labels(units), MOST_NAMES)
 
 
 def span(time: NDArray[np.float64]) -> str:

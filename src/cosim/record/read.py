@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError, suggest
+from ..errors import DescriptionError, shortened, suggest
 from ..units import conversion
-from .csv import shortened
-from .frame import dataframe, listed, span
+from .frame import dataframe, signals_text, span
 from .header import TIME_NAMES, split_label, unit_text
 from .resample import UNEVEN, usual_step
 from .tables import TEXT, Table, open_table
@@ -37,7 +36,7 @@ class Record:
     """Other data in the file. The file of a run holds its system, versions, messages ..."""
 
     def __repr__(self) -> str:
-        signals = listed(f"{name} [{self.units[name]}]" if self.units[name] else name for name in self.columns)
+        signals = signals_text(self.units)
         return f"<Record {self.path.name}: {span(self.time)}, every {self.step:.6g} s: {signals}>"
 
     def __getitem__(self, name: str) -> Array:
@@ -144,7 +143,7 @@ def read_record(
         wrong += [(row, time_column, f"{names.names[time_column]}: {why}") for row, why in _falling(seconds)]
     if wrong:
         texts = [f"{path}: {table.place(row)}, column {text}" for row, _, text in sorted(wrong)]
-        raise DescriptionError(shortened(path, texts))
+        raise DescriptionError(shortened(texts, "cells"))
     return Record(
         path,
         seconds,
@@ -191,11 +190,12 @@ def _time_column(names: _Names, time: str | None, sampling_time: float | None, p
         return None
     if time is not None:
         return names.find(time, problems)
-    for known in TIME_NAMES:
-        # In a MAT file the time may be a field of a struct.
-        found = [i for i, name in enumerate(names.names) if name.rpartition(".")[2].strip().casefold() == known]
-        if len(found) == 1:
-            return found[0]
+    whole = [name.strip().casefold() for name in names.names]
+    # In a MAT file the time may be a field of a struct.
+    for parts in (whole, [name.rpartition(".")[2].strip() for name in whole]):
+        for known in TIME_NAMES:
+            if parts.count(known) == 1:
+                return parts.index(known)
     alone = len(names.names) == 1 and names.path.suffix.lower() in TEXT
     marks = " Cells are divided by comma, semicolon, tab or blanks." if alone else ""
     known = suggest("time", names.names)

@@ -17,6 +17,7 @@ import csv
 import importlib
 import io
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +25,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element, SubElement, register_namespace
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, shortened
 from ..fmu.xml import document, parse
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
@@ -303,13 +304,17 @@ def _number(element: Any, attribute: str, said: str, problems: list[str]) -> flo
 def read_csv(path: Path) -> Table:
     """A CSV file: a header whose first name is ``time``, then rows of as many cells, times not descending.
 
-    Raises DescriptionError naming file and line.
+    Cells are separated by the comma, semicolon or tab that follows the name ``time``. Raises DescriptionError naming
+    file and line.
     """
     try:
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")), strict=True))
+        text = path.read_text(encoding="utf-8-sig")
+        separator = re.match(r'\s*"?time"?\s*([,;\t])', text, re.IGNORECASE)
+        delimiter = separator[1] if separator else ","
+        lines = list(csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True, strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise DescriptionError(f"{path.name}: not a readable CSV file ({error}).") from None
-    if not lines or not lines[0] or lines[0][0].strip() != "time":
+    if not lines or not lines[0] or lines[0][0].strip().lower() != "time":
         found = lines[0][0].strip() if lines and lines[0] else ""
         raise DescriptionError(f"{path.name}: the first column is '{found}'. It must be 'time'.")
     names = tuple(name.strip() for name in lines[0][1:])
@@ -335,7 +340,7 @@ def read_csv(path: Path) -> Table:
     if not rows and not problems:
         problems.append(f"{path.name}: no rows.")
     if problems:
-        raise DescriptionError(_short(problems))
+        raise DescriptionError(shortened(problems))
     return Table(names, tuple(times), tuple(rows))
 
 
@@ -363,8 +368,3 @@ def _parse(path: Path, tag: str) -> Any:
     if root.tag != tag:
         raise DescriptionError(f"{path.name}: the root element is '{root.tag}'. It must be '{tag}'.")
     return root
-
-
-def _short(problems: list[str]) -> list[str]:
-    more = len(problems) - 10
-    return [*problems[:10], f"and {more} more problems like these."] if more > 0 else problems

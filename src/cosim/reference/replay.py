@@ -32,11 +32,12 @@ from ..errors import DescriptionError
 from ..files import temporary_folder
 from ..master.board import Board, mapped
 from ..master.failure import process_error
+from ..master.interrupts import held_back
 from ..master.process import shared_memory
-from ..master.signals import held_back
 from ..reference import fmi_ls_ref as lsref
 from .fmi_ls_ref import ReferenceExperiment, Tolerance
 from .jobs import (
+    SAME_TIME,
     Array,
     Interface,
     Job,
@@ -338,14 +339,15 @@ def _compared(job: Job, columns: Mapping[str, Any], tolerance: float) -> Replay:
     first and last rows are compared with the first and last rows of FMPy.
     """
     step = job.experiment.step_size or 1.0
+    near = SAME_TIME * step
     times = np.array(job.references.times)
     found = np.asarray(columns["time"], dtype=float)
-    first = np.searchsorted(found, times - 1e-6 * step)
-    last = np.maximum(np.searchsorted(found, times + 1e-6 * step, side="right") - 1, first)
+    first = np.searchsorted(found, times - near)
+    last = np.maximum(np.searchsorted(found, times + near, side="right") - 1, first)
     same = np.diff(times) == 0.0
     before, after = np.append(same, False), np.insert(same, 0, False)
     rows = np.where(before, first, np.where(after, last, first if job.experiment.held else last))
-    late = (rows >= len(found)) | (np.abs(found[np.minimum(rows, len(found) - 1)] - times) > 1e-6 * step)
+    late = (rows >= len(found)) | (np.abs(found[np.minimum(rows, len(found) - 1)] - times) > near)
     if late.any():
         return _failed(job, f"the FMU gave no values at {times[late][0]:g} s; its last are those of {found[-1]:g} s.")
     signals: list[Signal] = []

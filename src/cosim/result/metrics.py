@@ -13,12 +13,16 @@ about the least-squares centre, circular hysteresis H between the two senses of 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..public import public_names
+
+__dir__ = public_names(globals())
 
 Array = NDArray[np.float64]
 
@@ -422,3 +426,17 @@ def circular_test(x: Array, y: Array, x_ref: Array, y_ref: Array, *, radius: flo
         angle=local,
         deviation=deviation,
     )
+
+
+OF_ONE_SIGNAL: Mapping[str, Callable[[Array, Array], float]] = {
+    "max_abs": lambda time, signal: max_abs(signal),
+    "rms": lambda time, signal: rms(signal),
+    "std": lambda time, signal: std(signal),
+    "mean": lambda time, signal: float(np.mean(signal)),
+    "min": lambda time, signal: float(np.min(signal)),
+    "max": lambda time, signal: float(np.max(signal)),
+    "last": lambda time, signal: float(signal[-1]),
+    "peak_to_peak": lambda time, signal: float(np.ptp(signal)),
+    "total_variation": total_variation,
+}
+"""The figures that a file may ask for as ``of``: functions of ``time`` in s and one signal."""

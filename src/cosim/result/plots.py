@@ -24,6 +24,7 @@ import numpy as np
 from ..errors import DescriptionError
 from ..extras import require
 from ..files import check_writable, write_file
+from ..public import public_names
 from ..units import conversion
 from .metrics import Array, max_abs
 from .summary import Loop, Recorded, loops
@@ -31,6 +32,8 @@ from .summary import Loop, Recorded, loops
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+__dir__ = public_names(globals())
 
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")

@@ -8,8 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..errors import DescriptionError
-from ..record.csv import shortened
+from ..errors import DescriptionError, shortened
 from ..record.description import Column, columns_of
 from ..record.tables import Table, file_metadata, open_table
 from .result import Message, Result
@@ -61,7 +60,7 @@ def _numbers(path: Path, table: Table) -> Any:
         if not table.is_number(row, column)
     ]
     if wrong:
-        raise DescriptionError(shortened(path, wrong))
+        raise DescriptionError(shortened(wrong, "cells"))
     return values
 
 

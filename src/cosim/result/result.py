@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import DescriptionError, suggest
 from ..record.description import Column
-from ..record.frame import dataframe, listed, optional, span
+from ..record.frame import dataframe, optional, signals_text, span
 from ..record.write import RecordWriter
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Result:
         return tuple(column.name for column in self.columns)
 
     def __repr__(self) -> str:
-        signals = listed(f"{c.name} [{c.unit}]" if c.unit != "1" else c.name for c in self.columns)
+        signals = signals_text({column.name: column.unit for column in self.columns})
         ended = ", ended early" if self.partial else ""
         return f"<Result of {self.metadata.get('system', 'a run')}: {span(self.time)}{ended}: {signals}>"
 
@@ -93,6 +93,9 @@ class Result:
     def displayed(self, name: str) -> NDArray[np.float64]:
         """The values of a variable in its display unit."""
         column = self.column(name)
+        if column.display_inverse:
+            with np.errstate(divide="ignore"):  # the inverse of 0 is infinite
+                return column.display_factor / self[name]
         return column.display_factor * self[name] + column.display_offset
 
     def to_dataframe(self, *, units: bool = False) -> Any:

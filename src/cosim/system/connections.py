@@ -27,6 +27,8 @@ ROUNDED = 5e-4
 is not."""
 SHOWN_CONNECTIONS = 3
 """Largest number of connections that a note lists."""
+SHOWN_ITEMS = 6
+"""Largest number of items of an enumeration that a note lists."""
 KEYS = ("from", "to", "factor", "factors", "offset", "units", "noise")
 
 
@@ -274,8 +276,7 @@ def _checked(
 
 def _items(variable: Variable) -> str:
     """The first items of an enumeration with their numbers."""
-    shown = [f"{number} {name}" for name, number in variable.items.items()]
-    return ", ".join(shown[:6]) + (" ..." if len(shown) > 6 else "")
+    return listed([f"{number} {name}" for name, number in variable.items.items()], SHOWN_ITEMS)
 
 
 def _missing_derivative(port: Ports, variable: str) -> str:
@@ -299,8 +300,8 @@ def _with_units(
     unit, other = variables[0].unit, variables[1].unit
     if unit is None or other is None or is_same_unit(fmus[0], variables[0], fmus[1], variables[1]):
         return connection if connection.units == "given" else replace(connection, units="same")
-    known = meaning(fmus[0], variables[0]), meaning(fmus[1], variables[1])
-    factors = unit_conversion(*known)
+    one, two = known = meaning(fmus[0], variables[0]), meaning(fmus[1], variables[1])
+    factors = None if one is None or two is None else one.conversion(two)
     if variables[0].relative != variables[1].relative and any(meant and meant.offset for meant in known):
         factors = None  # a temperature is no difference of temperatures
     if connection.units == "given":
@@ -309,8 +310,9 @@ def _with_units(
         return connection
     if connection.units == "converted" and factors is not None:
         return converted(connection, *factors)
-    one, two = (f"{name} ({known[i]})" if unit == other else name for i, name in enumerate((unit, other)))
-    findings.problem(where, f"unit {one} does not match {two}. {_remedy(connection, unit, other, known, factors)}")
+    names = [f"{name} ({known[i]})" if unit == other else name for i, name in enumerate((unit, other))]
+    remedy = _remedy(connection, unit, other, known, factors)
+    findings.problem(where, f"unit {names[0]} does not match {names[1]}. {remedy}")
     return None
 
 
@@ -338,8 +340,12 @@ def _numbers(numbers: tuple[float, float]) -> str:
 
 
 def meaning(port: Ports, variable: Variable) -> Unit | None:
-    """The meaning of a variable's unit; None if it is unknown. A difference has no offset."""
-    unit = None if variable.unit is None else port.unit(variable.unit)
+    """The meaning of a variable's unit; None if it is unknown."""
+    return unit_of_values(None if variable.unit is None else port.unit(variable.unit), variable)
+
+
+def unit_of_values(unit: Unit | None, variable: Variable) -> Unit | None:
+    """``unit`` for the values of a variable: a difference has no offset."""
     return unit.difference if unit is not None and variable.relative else unit
 
 
@@ -348,15 +354,7 @@ def is_same_unit(one: Ports, variable: Variable, other: Ports, other_variable: V
     a, b = meaning(one, variable), meaning(other, other_variable)
     if a is None or b is None:
         return variable.unit == other_variable.unit
-    if variable.unit == other_variable.unit and a.exponents[:-1] == b.exponents[:-1]:
-        # For some files rad is a base unit, for others it is 1: rad/s is rad.s-1 in one file and s-1 in the other.
-        b = replace(b, exponents=a.exponents)
-    return a.matches(b)
-
-
-def unit_conversion(unit: Unit | None, other: Unit | None) -> tuple[float, float] | None:
-    """Factor and offset from ``unit`` to ``other``; None if they measure different quantities or one is unknown."""
-    return None if unit is None or other is None else unit.conversion(other)
+    return a.matches(b.with_angles_of(a) if variable.unit == other_variable.unit else b)
 
 
 def converted(connection: Connection, factor: float, offset: float) -> Connection:

@@ -188,5 +188,6 @@ def _order(value: object, instances: Mapping[str, Any], findings: Findings) -> O
             findings.problem(where, f"instance '{name}' is named {names.count(name)} times. Name it once.")
     missing = [name for name in instances if name not in names]
     if missing:
-        findings.problem(where, f"instance {', '.join(missing)} is missing. Name every instance.")
+        named = f"instances {', '.join(missing)} are" if len(missing) > 1 else f"instance {missing[0]} is"
+        findings.problem(where, f"{named} missing. Name every instance.")
     return names

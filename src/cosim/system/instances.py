@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, listed
 from ..fmu.description import Array, Fmu, read_fmu
 from ..fmu.places import find_fmu
 from ..fmu.variables import Value, Variable, suggest_variable
@@ -18,6 +18,9 @@ from .values import flat_table, in_unit_of, show_value, start_value
 
 SHOWN_FINDINGS = 3
 """Largest number of findings about an FMU's file that become notes of the system."""
+
+SHOWN_ELEMENTS = 6
+"""Largest number of elements of an array that a message lists."""
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -115,9 +118,8 @@ def _array_start(  # noqa: PLR0917
 ) -> None:
     """Enter the start values of a whole array, given as a list, or as a list of rows for two dimensions."""
     if not array.shape:
-        findings.problem(
-            where, f"the array has gaps: its elements are {_few(array.elements)}. Give each by its own name."
-        )
+        known = listed(array.elements, SHOWN_ELEMENTS)
+        findings.problem(where, f"the array has gaps: its elements are {known}. Give each by its own name.")
         return
     size = " by ".join(str(n) for n in array.shape)
     try:
@@ -130,7 +132,7 @@ def _array_start(  # noqa: PLR0917
         findings.problem(where, f"{error} for an array of {size} elements.")
         return
     if twice := [element for element in array.elements if element in result]:
-        findings.note(where, f"{_few(twice)} is given before the whole array, too: the array counts.")
+        findings.note(where, f"{listed(twice, SHOWN_ELEMENTS)} is given before the whole array, too: the array counts.")
     for element, item in zip(array.elements, values, strict=True):
         index = element.rpartition("[")[2]
         _start(f"{where}[{index}", fmu, fmu.variables[element], item, result, findings)
@@ -156,11 +158,6 @@ def _elements(given: object, shape: Sequence[int], row: str = "") -> Iterator[ob
         raise _LengthError(f"{len(rows)} values{row}")
     for item in rows:
         yield from _elements(item, shape[1:], " in a row")
-
-
-def _few(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:6])
-    return shown if len(names) <= 6 else f"{shown} ..."
 
 
 def _start(  # noqa: PLR0917

@@ -145,6 +145,11 @@ class SspReader:
         for part in self.top.all():
             if part.kind not in ("System", "Component"):
                 self.notes.append(f"'{part.name}' is a {part.kind}, which is not read.")
+        if contradicted := [said(end) for end in self.units.contradicted()]:
+            self.notes.append(
+                f"the description states another unit than the FMU for {listed(contradicted, SHOWN_NAMES)}: the "
+                "description counts."
+            )
 
     def source(self, part: Part) -> str:
         """The path of a component's FMU, relative to the SSD. Also reads the FMU, if possible."""

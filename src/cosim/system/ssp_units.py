@@ -13,7 +13,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from ..units import BASE_UNITS, Unit, resolve_unit
-from .connections import meaning, unit_conversion
+from .connections import meaning, unit_of_values
 from .ssp_names import tag
 from .ssp_tree import End, Part, Path
 
@@ -50,12 +50,9 @@ def conversion(unit: NamedUnit | None, other: NamedUnit | None, remedy: str) -> 
             return 1.0, 0.0
         unknown = unit.name if one is None else other.name
         raise DescriptionError(f"nothing says what unit '{unknown}' is. {remedy}")
-    factors = unit_conversion(one, two)
+    factors = one.conversion(two.with_angles_of(one) if unit.name == other.name else two)
     if factors is not None:
         return factors
-    if unit.name == other.name and one.exponents[:-1] == two.exponents[:-1]:
-        # For some files rad is a base unit, for others it is 1: rad/s is rad.s-1 in one file and s-1 in the other.
-        return one.factor / two.factor, (one.offset - two.offset) / two.factor
     if unit.name == other.name:
         raise DescriptionError(
             f"unit '{unit.name}' ({one}) cannot be converted to '{other.name}' ({two}). Correct one of the definitions."
@@ -72,13 +69,12 @@ class ConnectorUnits:
         self.parts: dict[Path, Part] = {part.path: part for part in top.all()}
 
     def meant(self, end: End, name: str, *own: Mapping[str, Unit]) -> NamedUnit:
-        """The unit called ``name`` at a connector. The definitions ``own`` come first. A difference has no offset."""
+        """The unit called ``name`` at a connector. The definitions ``own`` come first."""
         fmu = self.parts[end[0]].fmu
         stated: Mapping[str, Unit] = {} if fmu is None else fmu.base_units
         unit = resolve_unit(name, *own, stated, self.defined)
         variable = None if fmu is None else fmu.variables.get(end[1])
-        relative = variable is not None and variable.relative
-        return NamedUnit(name, unit.difference if unit is not None and relative else unit)
+        return NamedUnit(name, unit if variable is None else unit_of_values(unit, variable))
 
     def own(self, end: End) -> NamedUnit | None:
         """The unit of the FMU's variable behind a connector; for a connector of a system, the unit in the SSD."""
@@ -98,6 +94,22 @@ class ConnectorUnits:
     def unit(self, end: End) -> NamedUnit | None:
         """The unit of a connector."""
         return self.stated(end) or self.own(end)
+
+    def contradicted(self) -> list[End]:
+        """The variables of FMUs for which the SSD states a unit that is not the one in the FMU."""
+        found: list[End] = []
+        for part in self.parts.values():
+            for end in ((part.path, name) for name in part.connectors if part.fmu is not None):
+                own, stated = self.own(end), self.stated(end)
+                if own is None or stated is None or own.meaning is None or stated.meaning is None:
+                    continue
+                try:
+                    same = conversion(own, stated, "") == (1.0, 0.0)
+                except DescriptionError:
+                    same = False
+                if not same:
+                    found.append(end)
+        return found
 
     def differs(self, end: End) -> bool:
         """Whether the unit of a connector differs from the unit of its variable in the FMU alone."""

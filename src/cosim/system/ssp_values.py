@@ -13,7 +13,7 @@ from decimal import Decimal, InvalidOperation
 from typing import Any, cast
 
 from ..errors import DescriptionError, listed, suggest
-from ..fmu.archive import opened
+from ..fmu.archive import checked_members, opened
 from .ssp_names import local_name, lxml_etree, tag
 from .ssp_package import Package, read_document
 from .ssp_tree import End, Part
@@ -147,8 +147,11 @@ class ParameterValues:
             self.note(f"mapping at '{part.name}': the values hold nothing called {_few(list(entries))}.")
 
     def enter(self, end: End, given: Given, entry: Any) -> None:
-        """Store the value for ``end``: converted to the unit of the variable, then changed by the mapping ``entry``."""
-        wanted = self.units.own(end)
+        """Store the value for ``end``: converted to the unit there, then changed by the mapping ``entry``.
+
+        The unit is that of the connector, or else that of the FMU's variable, as for connections (SSP 2.0, Real).
+        """
+        wanted = self.units.unit(end)
         suppressed = entry is not None and entry.get("suppressUnitConversion") in ("true", "1")
         value, unit = given.value, given.unit
         try:
@@ -198,7 +201,7 @@ class ParameterValues:
             if base == "component" and part.fmu is not None:
                 with opened(part.fmu.path) as archive:
                     member = self.package.path(source).removeprefix("./")
-                    if member not in archive.namelist():
+                    if all(entry.filename != member for entry in checked_members(archive, lambda _: False)):
                         raise DescriptionError(f"file '{source}' is not in {part.fmu.path.name}.")
                     return archive.read(member)
             return (self.package.folder / self.package.file(source)).read_bytes()

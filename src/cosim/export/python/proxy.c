@@ -75,11 +75,11 @@ static const char *const function_names[] = {"fmi2Instantiate",
                                              "fmi2DeSerializeFMUstate",
                                              "fmi2DoStep"};
 
-typedef struct {
+typedef struct Instance {
     fmi2CallbackFunctions importer;
     fmi2CallbackFunctions own;
     Functions slave_functions;
-    fmi2Component slave;
+    fmi2Component slave; /* of PythonFMU: an instance of another type */
     void *library;
     int dead;            /* a Python exception escaped: PythonFMU has released its objects, nothing may be called */
     unsigned categories; /* bit of each category that is logged */
@@ -93,9 +93,16 @@ typedef struct {
 
 static void deliver(const Instance *instance, fmi2Status status, const char *text) {
     const unsigned category = category_of((int)status);
+    const size_t length = strlen(text);
+    char *plain;
     if (!instance->importer.logger || !is_wanted(instance->categories, category)) return;
+    plain = malloc(length + 1);
+    if (!plain) return;
+    for (size_t i = 0; i <= length; i++)
+        plain[i] = text[i] == '%' ? '#' : text[i]; /* some importers take the message as a format */
     instance->importer.logger(instance->importer.componentEnvironment, instance->name, status, category_names[category],
-                              text);
+                              plain);
+    free(plain);
 }
 
 #if defined __clang__ || defined __GNUC__
@@ -260,6 +267,26 @@ static int load_slave(Instance *instance) {
 
 /* ---- resources ---- */
 
+/* Whether Python can decode a text: PythonFMU crashes if it cannot. */
+static int is_utf8(const char *text) {
+    const unsigned char *p = (const unsigned char *)text;
+    while (*p) {
+        const unsigned char first = *p++;
+        /* bounds of the second byte: no overlong form, no surrogate, nothing above U+10FFFF */
+        unsigned char low = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
+        unsigned char high = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;
+        int following = first < 0x80 ? 0 : first < 0xE0 ? 1 : first < 0xF0 ? 2 : 3;
+        if ((first >= 0x80 && first < 0xC2) || first > 0xF4) return 0;
+        for (; following > 0; following--) {
+            if (*p < low || *p > high) return 0;
+            p++;
+            low = 0x80;
+            high = 0xBF;
+        }
+    }
+    return 1;
+}
+
 static int hexadecimal(char c) {
     return c >= '0' && c <= '9'   ? c - '0'
            : c >= 'a' && c <= 'f' ? c - 'a' + 10
@@ -314,8 +341,15 @@ static int resource_folder(const Instance *instance, const char *uri, char *fold
     fclose(file);
     if (strstr(folder, "%20") || strstr(folder, "file://")) {
         say(instance, fmi2Error,
-            "fmi2Instantiate: the folder '%s' has %%20 or file:// in its name, which PythonFMU cannot "
+            "fmi2Instantiate: the folder '%s' has an escaped blank or file:// in its name, which PythonFMU cannot "
             "read. Unpack the FMU elsewhere.",
+            folder);
+        return 0;
+    }
+    if (!is_utf8(folder)) {
+        say(instance, fmi2Error,
+            "fmi2Instantiate: the name of the folder '%s' is not UTF-8, which Python cannot read. Unpack the FMU "
+            "elsewhere.",
             folder);
         return 0;
     }
@@ -374,8 +408,9 @@ FMI2_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2St
         if (!guid || strcmp(guid, instance->guid) != 0)
             say(instance, fmi2Error, SAY_WRONG_TOKEN, function, guid ? guid : "", instance->guid);
         else if (load_slave(instance))
-            instance->slave = instance->slave_functions.Instantiate(instance->name, type, guid, folder, &instance->own,
-                                                                    visible, fmi2True);
+            instance->slave =
+                instance->slave_functions.Instantiate(is_utf8(instance->name) ? instance->name : "instance", type, guid,
+                                                      folder, &instance->own, visible, fmi2True);
     }
     if (!instance->slave) {
         fmi2FreeInstance(instance);

@@ -263,13 +263,15 @@ class Instance:
 
     def set_one(self, function: str, variable: InterfaceVariable, value: float) -> None:
         """Set one variable or refuse its value."""
-        memory, reference = self.memory, variable.reference
-        previous = memory.v[reference]
-        name, unit = variable.name, variable.unit
-        if variable.role in ("fixed", "tunable") and not memory.phase & BEFORE and value == previous:
-            return  # some importers set all parameters again after initialization, to the same values
-        if variable.role not in ("input", "tunable") and not (variable.role == "fixed" and memory.phase & BEFORE):
-            raise Refusal(ERROR, "FIXED" if variable.role == "fixed" else "COMPUTED", function, name)
+        memory, reference, role = self.memory, variable.reference, variable.role
+        name, unit, previous = variable.name, variable.unit, memory.v[reference]
+        is_tolerance = variable.name == "tolerance" and issubclass(self.kind, Plant)
+        again = role in ("fixed", "tunable") and not memory.phase & BEFORE
+        # Some importers set all parameters again. The tolerance that they gave the experiment stays.
+        if again and (value == previous or (is_tolerance and not memory.tolerance_set and value == variable.start)):
+            return
+        if role not in ("input", "tunable") and not (role == "fixed" and memory.phase & BEFORE):
+            raise Refusal(ERROR, "FIXED" if role == "fixed" else "COMPUTED", function, name)
         if not math.isfinite(value):
             raise Refusal(DISCARD, "NOT_FINITE", function, name, value, unit, previous)
         if value < variable.min:
@@ -278,10 +280,10 @@ class Instance:
             raise Refusal(DISCARD, "ABOVE_MAXIMUM", function, name, value, unit, variable.max, unit, previous)
         memory.v[reference] = value
         self.touch()
-        if variable.role == "input":
+        if role == "input":
             return
         memory.parameters_dirty = True
-        if variable.name == "tolerance" and issubclass(self.kind, Plant):
+        if is_tolerance:
             memory.tolerance_set = True
         rule = self.broken_rule() if memory.phase == STEP_COMPLETE else ""
         if rule:

@@ -75,7 +75,7 @@ typedef struct {
     int told[AT_LEAST_1(N_NOTES)]; /* each note is told once */
 } State;
 
-typedef struct {
+typedef struct Instance {
     State s;
     char *name;
     Host host;
@@ -244,7 +244,7 @@ static int acceptable(const Instance *probe, const char *name, const char *token
 static Instance *make_instance(const Instance *probe, const char *name, Host host, int model_exchange, int logging,
                                const char *function) {
     const size_t length = strlen(name) + 1;
-    Instance *instance = calloc(1, sizeof *instance + length);
+    Instance *instance = (Instance *)calloc(1, sizeof *instance + length);
     if (!instance) {
         say(probe, ERROR, SAY_OUT_OF_MEMORY, function);
         return NULL;
@@ -418,10 +418,15 @@ static int refused(Instance *instance, unsigned reference, double value, const c
     return DISCARD;
 }
 
-/* Whether the variable already has this value: some importers set all parameters again after initialization. */
+/* Whether the variable already has this value: some importers set all parameters again after initialization. They set
+   the start value of the integrator's tolerance, too, even if they gave the experiment another tolerance, which stays. */
 static int unchanged(const State *s, unsigned reference, double value) {
     const int role = variables[reference].role;
-    return (role == FIXED || role == TUNABLE) && !(s->phase & BEFORE) && s->v[reference] == value;
+    if ((role != FIXED && role != TUNABLE) || s->phase & BEFORE) return 0;
+#if KIND == PLANT
+    if (reference == PARAMETER_TOLERANCE && !s->tolerance_set && value == variables[reference].start) return 1;
+#endif
+    return s->v[reference] == value;
 }
 
 static int set(Instance *instance, unsigned reference, double value, const char *function) {
@@ -488,7 +493,7 @@ static int row_of(Instance *instance, unsigned reference, const char *function) 
 static int column_of(Instance *instance, unsigned reference, const char *function) {
     if (unknown(instance, reference, REAL, function)) return -1;
     if (variables[reference].role == INPUT) return N_CONTINUOUS + (int)reference - INPUT_0;
-    if (variables[reference].role == STATE && reference - STATE_0 < N_CONTINUOUS) return (int)reference - STATE_0;
+    if (variables[reference].role == STATE && (int)reference < STATE_0 + N_CONTINUOUS) return (int)reference - STATE_0;
     say(instance, ERROR, SAY_NO_KNOWN, function, variables[reference].name);
     fail(instance);
     return -1;
@@ -626,9 +631,8 @@ static int state_nominals(Instance *instance, double values[], size_t n, const c
 
 #if KIND == PLANT
 static int advance(Instance *instance, double step, double end, const char *function) {
-    static const char *const reasons[] = {[INTEGRATE_STEP_TOO_SMALL] = REASON_STEP_TOO_SMALL,
-                                          [INTEGRATE_TOO_MANY_STEPS] = REASON_TOO_MANY_STEPS,
-                                          [INTEGRATE_NOT_FINITE] = REASON_NOT_FINITE};
+    /* in the order of the codes of integrate() */
+    static const char *const reasons[] = {"", REASON_STEP_TOO_SMALL, REASON_TOO_MANY_STEPS, REASON_NOT_FINITE};
     State *s = &instance->s;
     Problem problem = {variant(s)->derivative,
                        variant(s)->jacobian,

@@ -19,6 +19,10 @@ static void deliver(const Instance *instance, int status, const char *category, 
     instance->host.logger(instance->host.environment, instance->name, (fmi2Status)status, category, text);
 }
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* ---- life cycle ---- */
 
 FMI2_EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -366,3 +370,7 @@ FMI2_EXPORT fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind
     (void)value;
     return no_status(c, "fmi2GetStringStatus");
 }
+
+#ifdef __cplusplus
+}
+#endif

@@ -4,7 +4,9 @@
 
 #include <stddef.h>
 
-typedef void *fmi2Component;
+/* Where the standard's header has void * and an enum: same bits, and a C++ compiler takes the sources, too. */
+typedef struct Instance *fmi2Component;
+typedef int fmi2Status;
 typedef void *fmi2ComponentEnvironment;
 typedef void *fmi2FMUstate;
 typedef unsigned int fmi2ValueReference;
@@ -16,7 +18,7 @@ typedef const fmi2Char *fmi2String;
 typedef char fmi2Byte;
 
 enum { fmi2False = 0, fmi2True = 1 };
-typedef enum { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error, fmi2Fatal, fmi2Pending } fmi2Status;
+enum { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error, fmi2Fatal, fmi2Pending };
 typedef enum { fmi2ModelExchange, fmi2CoSimulation } fmi2Type;
 typedef enum { fmi2DoStepStatus, fmi2PendingStatus, fmi2LastSuccessfulTime, fmi2Terminated } fmi2StatusKind;
 

@@ -32,6 +32,10 @@ static void deliver(const Instance *instance, int status, const char *category, 
     instance->host.log(instance->host.environment, (fmi3Status)status, category, escaped);
 }
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* ---- life cycle ---- */
 
 FMI3_EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
@@ -530,3 +534,7 @@ FMI3_EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 
 #endif
     return fmi3OK;
 }
+
+#ifdef __cplusplus
+}
+#endif

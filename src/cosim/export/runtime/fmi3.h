@@ -6,7 +6,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-typedef void *fmi3Instance;
+/* Where the standard's header has void * and an enum: same bits, and a C++ compiler takes the sources, too. */
+typedef struct Instance *fmi3Instance;
+typedef int fmi3Status;
 typedef void *fmi3InstanceEnvironment;
 typedef void *fmi3FMUState;
 typedef uint32_t fmi3ValueReference;
@@ -26,7 +28,7 @@ typedef uint8_t fmi3Byte;
 typedef const fmi3Byte *fmi3Binary;
 typedef bool fmi3Clock;
 
-typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
+enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal };
 typedef enum { fmi3Independent, fmi3Constant, fmi3Fixed, fmi3Tunable, fmi3Discrete, fmi3Dependent } fmi3DependencyKind;
 typedef enum { fmi3IntervalNotYetKnown, fmi3IntervalUnchanged, fmi3IntervalChanged } fmi3IntervalQualifier;
 

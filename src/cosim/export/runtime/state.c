@@ -51,7 +51,7 @@ static int is_sound(const State *s) {
 
 /* The memory that *saved points to; new memory if it is NULL. */
 static Saved *memory_for(Instance *instance, void **saved, const char *function) {
-    Saved *copy = *saved ? *saved : calloc(1, sizeof *copy);
+    Saved *copy = (Saved *)(*saved ? *saved : calloc(1, sizeof *copy));
     if (!copy) {
         say(instance, ERROR, SAY_OUT_OF_MEMORY, function);
         fail(instance);
@@ -74,7 +74,8 @@ static int save_state(Instance *instance, void **saved, const char *function) {
     return OK;
 }
 
-static int restore_state(Instance *instance, const Saved *saved, const char *function) {
+static int restore_state(Instance *instance, const void *from, const char *function) {
+    const Saved *saved = (const Saved *)from;
     if (illegal(instance, MAY_HANDLE_STATE, function) || missing(instance, saved, 1, function)) return ERROR;
     if (!is_own(saved) || !is_sound(&saved->s)) {
         say(instance, ERROR, SAY_NO_STATE, function, MODEL_NAME);
@@ -116,7 +117,7 @@ static int serialize_state(Instance *instance, const void *saved, void *bytes, s
         say(instance, ERROR, SAY_FEW_BYTES, function, (unsigned long)size, (unsigned long)sizeof(Saved));
         return fail(instance);
     }
-    sum = checksum(saved);
+    sum = checksum((const Saved *)saved);
     memcpy(bytes, saved, sizeof(Saved));
     memcpy((char *)bytes + offsetof(Saved, checksum), &sum, sizeof sum);
     return OK;

@@ -15,6 +15,9 @@
   // Names may contain characters that plotly would read as markup.
   const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;");
 
+  // Ticks of a logarithmic axis: plotly would write 1 and 10 beside powers of ten.
+  const powers = { exponentformat: "power", labelalias: { 1: "10<sup>0</sup>", 10: "10<sup>1</sup>" } };
+
   function colours() {
     const style = getComputedStyle(document.documentElement);
     const of = (name) => style.getPropertyValue(name).trim();
@@ -45,8 +48,8 @@
       margin: { l: 64, r: 12, t: 30, b: last ? 44 : 26 }, font: { size: 12, family: "system-ui, sans-serif" }, hovermode: "x", dragmode: "zoom",
       showlegend: panel.lines.some((line) => line.label !== ""),
       legend: { orientation: "h", x: 0, y: 1.02, xanchor: "left", yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
-      xaxis: { title: { text: last ? plain(x.title) : "", standoff: 6 }, type: x.log ? "log" : "linear", hoverformat: ".6g", autorangeoptions: { include: x.range }, ...(x.log ? { exponentformat: "power", dtick: 1 } : {}) },
-      yaxis: { title: { text: plain(panel.title), standoff: 4 }, type: panel.log ? "log" : "linear", automargin: false, ...(panel.log ? { exponentformat: "power" } : {}),
+      xaxis: { title: { text: last ? plain(x.title) : "", standoff: 6 }, type: x.log ? "log" : "linear", hoverformat: ".6g", autorangeoptions: { include: x.range }, ...(x.log ? { ...powers, dtick: 1 } : {}) },
+      yaxis: { title: { text: plain(panel.title), standoff: 4 }, type: panel.log ? "log" : "linear", automargin: false, ...(panel.log ? powers : {}),
         ...(panel.limit === null ? {} : { range: [-panel.limit, panel.limit] }) },
     };
     const theme = themed(panel);
