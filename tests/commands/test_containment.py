@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -65,7 +66,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], P
     """A working folder with the files of all commands, whose FMU misbehaves in a way."""
 
     def made(how: str) -> Path:
-        write_fmu(tmp_path / "Hostile.fmu", PROBE, binary=probe_library("hostile").read_bytes())
+        variables = [replace(variable, unit=None) for variable in PROBE]
+        write_fmu(tmp_path / "Hostile.fmu", variables, binary=probe_library("hostile").read_bytes())
         for name, label in (("good", "good"), ("bad", how)):
             (tmp_path / f"{name}.toml").write_text(SYSTEM.replace("HOW", label), encoding="utf-8")
         (tmp_path / "fit.toml").write_text(FIT, encoding="utf-8")
@@ -124,7 +126,8 @@ def test_ctrl_c_ends_a_command_whose_fmu_hangs(folder: Callable[[str], Path], co
     running = subprocess.Popen(arguments, cwd=place, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     while not psutil.Process(running.pid).children() and running.poll() is None:
         time.sleep(0.05)
-    running.send_signal(signal.SIGINT)
+    if running.poll() is None:
+        running.send_signal(signal.SIGINT)
     try:
         said, _ = running.communicate(timeout=60.0)
     finally:

@@ -223,17 +223,10 @@ def practical_limit(
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
     swing /= si_factor(system, position, *POSITIONS)
-    tried: dict[float, bool] = {}
-
-    def found() -> list[str]:
-        rest, swinging = ([value for value, swings in tried.items() if swings is each] for each in (False, True))
-        told = [f"comes to rest at {gain} = {max(rest):.6g}"] if rest else []
-        return [*told, f"oscillates at {min(swinging):.6g}"] if swinging else told
-
+    found: dict[str, float] = {}
     with Worker() as worker, _told_if_ended(found):
-        trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing)
-        oscillates = trials.oscillates({})
-        return search_limit(lambda value: tried.setdefault(value, oscillates(value)), first, last)
+        trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing, found)
+        return search_limit(trials.oscillates({}), first, last)
 
 
 @dataclass(frozen=True)
@@ -246,6 +239,8 @@ class _Trials:
     gain: str
     position: str
     swing: float
+    ends: dict[str, float]
+    """Gets the last gain found stable and the last one found unstable."""
 
     def oscillates(self, changes: Mapping[str, object]) -> Callable[[float], bool]:
         """A function: gain -> whether the position oscillates, with the start values ``changes``."""
@@ -258,6 +253,7 @@ class _Trials:
             except ProcessError as error:
                 raise error.of(f"{self.system.name} at {self.gain} = {value:g}") from None
             self.limit.learn(self.worker.seconds)
+            self.ends[f"{self.gain} {'unstable' if result.sustained else 'stable'} at"] = value
             return result.sustained
 
         return found
@@ -363,19 +359,15 @@ def limit_map(
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
     integrals = _integral_gains(system, cases, integral, T_s, K * gain_factor(system, integral, names.command, "m"))
-
-    def found() -> list[str]:
-        told = [f"ultimate gain of {case} {value:.6g}" for case, value in ultimate.items()]
-        return told + [f"damping ratio of {point.case} at W = {point.W:g} {point.found:.4g}" for point in points]
-
+    found: dict[str, float] = {}
     with Worker() as worker, _told_if_ended(found):
-        trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
+        trials = _Trials(system, worker, Timeout(timeout), gain, position, swing, found)
         for case in cases:
             unstable = trials.oscillates({**case.overrides, integral: 0.0})
             limit = search_limit(unstable, case.first, 1e3 * case.first)
             if not math.isfinite(limit.value):
                 raise DescriptionError(f"case {case.name}: no limit between {case.first:g} and {1e3 * case.first:g}.")
-            ultimate[case.name] = limit.value
+            ultimate[case.name] = found[f"ultimate gain of {case.name}"] = limit.value
             runs += limit.runs
             progress(len(ultimate) + len(points), total)
             for w, integral_gain in zip(case.W, integrals[case.name], strict=True):
@@ -384,6 +376,7 @@ def limit_map(
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
                 points.append(_map_point(case, w, limit.value, first, searched, K=per_metre * K, T_s=T_s))
+                found[f"damping ratio of {case.name} at W = {w:g}"] = points[-1].found
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
 
@@ -401,13 +394,13 @@ def _map_point(
 
 
 @contextlib.contextmanager
-def _told_if_ended(found: Callable[[], Sequence[str]]) -> Generator[None]:
+def _told_if_ended(found: Mapping[str, float]) -> Generator[None]:
     """Log what was found so far if the search of limits ends early."""
     try:
         yield
     except (KeyboardInterrupt, CosimError):
-        if told := found():
-            _log.warning("ended early. Found so far: %s", "; ".join(told))
+        if told := "; ".join(f"{name} {value:.6g}" for name, value in found.items()):
+            _log.warning("ended early. Found so far: %s", told)
         raise
 
 
