@@ -85,14 +85,16 @@ def _run(options: argparse.Namespace) -> int:
     check_plot(options.plot)
     reports: list[Report] = []
     found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=timeout)
-    with Bar("Replaying") as bar:
-        for report in found:
-            reports.append(report)
-            bar.update(len(reports), len(paths), report.path.name)
-    if options.json:
-        print_json([_facts(report) for report in reports])
-    else:
-        _show(reports)
+    try:
+        with Bar("Replaying") as bar:
+            for report in found:
+                reports.append(report)
+                bar.update(len(reports), len(paths), report.path.name)
+    except KeyboardInterrupt:
+        _print(reports, options)
+        print_note(f"{len(reports)} of {len(paths)} FMUs were replayed.")
+        raise
+    _print(reports, options)
     drawn = write_files(
         *(
             (options.plot, partial(_draw, report, number=len(paths)))
@@ -101,6 +103,13 @@ def _run(options: argparse.Namespace) -> int:
         )
     )
     return max(0 if drawn else 1, *(report.code for report in reports))
+
+
+def _print(reports: Sequence[Report], options: argparse.Namespace) -> None:
+    if options.json:
+        print_json([_facts(report) for report in reports])
+    elif reports:
+        _show(reports)
 
 
 def _paths(text: str, folder: Path | None) -> list[Path]:

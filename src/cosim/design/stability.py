@@ -223,9 +223,17 @@ def practical_limit(
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
     swing /= si_factor(system, position, *POSITIONS)
-    with Worker() as worker:
+    tried: dict[float, bool] = {}
+
+    def found() -> list[str]:
+        rest, swinging = ([value for value, swings in tried.items() if swings is each] for each in (False, True))
+        told = [f"comes to rest at {gain} = {max(rest):.6g}"] if rest else []
+        return [*told, f"oscillates at {min(swinging):.6g}"] if swinging else told
+
+    with Worker() as worker, _told_if_ended(found):
         trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing)
-        return search_limit(trials.oscillates({}), first, last)
+        oscillates = trials.oscillates({})
+        return search_limit(lambda value: tried.setdefault(value, oscillates(value)), first, last)
 
 
 @dataclass(frozen=True)
@@ -355,7 +363,12 @@ def limit_map(
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
     integrals = _integral_gains(system, cases, integral, T_s, K * gain_factor(system, integral, names.command, "m"))
-    with Worker() as worker, _told_if_ended(ultimate, points):
+
+    def found() -> list[str]:
+        told = [f"ultimate gain of {case} {value:.6g}" for case, value in ultimate.items()]
+        return told + [f"damping ratio of {point.case} at W = {point.W:g} {point.found:.4g}" for point in points]
+
+    with Worker() as worker, _told_if_ended(found):
         trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
         for case in cases:
             unstable = trials.oscillates({**case.overrides, integral: 0.0})
@@ -388,14 +401,12 @@ def _map_point(
 
 
 @contextlib.contextmanager
-def _told_if_ended(ultimate: Mapping[str, float], points: Sequence[MapPoint]) -> Generator[None]:
-    """Log what was found so far if the search of the limits ends early."""
+def _told_if_ended(found: Callable[[], Sequence[str]]) -> Generator[None]:
+    """Log what was found so far if the search of limits ends early."""
     try:
         yield
     except (KeyboardInterrupt, CosimError):
-        told = [f"ultimate gain of {case} {value:.6g}" for case, value in ultimate.items()]
-        told += [f"damping ratio of {point.case} at W = {point.W:g} {point.found:.4g}" for point in points]
-        if told:
+        if told := found():
             _log.warning("ended early. Found so far: %s", "; ".join(told))
         raise
 

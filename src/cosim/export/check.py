@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
+from itertools import pairwise
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, cast
 
@@ -26,7 +27,7 @@ from ..model import (
 )
 from ..units import conversion, parse_unit
 from .interface import variables_of
-from .place import of_author, of_class, of_declaration, of_method
+from .place import of_author, of_class, of_declaration, of_method, place
 
 MAX_LENGTH = 100_000
 """Most elements of an array. In FMI 2.0 every element is a variable of its own, so a larger one makes a huge XML."""
@@ -50,6 +51,10 @@ IMPURE = {
     ),
 }
 """Modules and functions whose results do not depend on their arguments alone, or that have side effects."""
+ARRAYS = {"numpy", "scipy"}
+"""Packages whose results differ from those of C in the last bits, by blocks of sums and functions of their own."""
+EXCEPTIONS = "try or with"
+"""What code is called that handles exceptions."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9]*(\.[A-Za-z_][A-Za-z_0-9]*)*")
 
 
@@ -243,19 +248,30 @@ def _names(kind: type[Component]) -> Iterator[str]:
 
 
 def _purity(kind: type[Component]) -> Iterator[str]:
-    """Equations that use clocks, files, random numbers or output."""
+    """Equations that use clocks, files, random numbers, output, NumPy or exceptions."""
     for method in ("initial", "rules", "notes", "derivative", "output", "update"):
         function = getattr(kind, method, None)
         if isinstance(function, FunctionType) and of_author(function.__code__.co_filename):
-            for used in sorted(set(_used(function, set()))):
-                yield (
-                    f"{of_method(kind, method)}: {kind.__name__}.{method} uses {used}. An equation may depend on its "
-                    "arguments only: give what it needs as an input or a parameter."
-                )
+            for at, used in dict.fromkeys(_used(function, set())):
+                yield f"{at}: {kind.__name__}.{method} uses {used}. {_remedy(used)}"
 
 
-def _used(function: FunctionType, seen: set[CodeType]) -> Iterator[str]:
-    """Names of ``IMPURE`` that a function uses, directly or through functions of the author that it calls."""
+def _remedy(used: str) -> str:
+    if used == EXCEPTIONS:
+        return "Compiled code raises no exceptions: write where(x == 0.0, ...) for the case that fails."
+    if used in (*ARRAYS, "@"):
+        return (
+            "Sums and functions of NumPy round unlike compiled ones, so the native and the Python FMU would differ. "
+            "Write sums and products out, take functions of cosim.model, and compute constants outside of the class."
+        )
+    return "An equation may depend on its arguments only: give what it needs as an input or a parameter."
+
+
+def _used(function: FunctionType, seen: set[CodeType]) -> Iterator[tuple[str, str]]:
+    """What a function uses of ``IMPURE`` and ``ARRAYS``, and exceptions, each after its place in the file.
+
+    Functions of the author that it calls are searched, too.
+    """
     codes = [function.__code__]
     while codes:
         code = codes.pop()
@@ -263,18 +279,29 @@ def _used(function: FunctionType, seen: set[CodeType]) -> Iterator[str]:
             continue
         seen.add(code)
         codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-        for instruction in dis.get_instructions(code):
+        instructions = [each for each in dis.get_instructions(code) if each.opname != "CACHE"]
+        line = code.co_firstlineno
+        for instruction, following in pairwise([*instructions, instructions[-1]]):
             name = instruction.argval
-            if instruction.opname == "IMPORT_NAME":
-                if name in IMPURE or name.partition(".")[0] in IMPURE:
-                    yield name
-                continue
-            if instruction.opname not in ("LOAD_GLOBAL", "LOAD_NAME"):
-                continue
-            value = function.__globals__.get(name, getattr(builtins, name, None))
-            holder = type(getattr(value, "__self__", None)).__module__
-            origin = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None) or holder
-            if origin in IMPURE or f"{origin}.{name}" in IMPURE:
-                yield name
-            elif isinstance(value, FunctionType) and of_author(value.__code__.co_filename):
-                yield from _used(value, seen)
+            line = (instruction.positions and instruction.positions.lineno) or line
+            at = place(code.co_filename, line)
+            if instruction.opname == "PUSH_EXC_INFO":
+                yield at, EXCEPTIONS
+            elif instruction.opname == "BINARY_OP" and instruction.argrepr.startswith("@"):
+                yield at, "@"
+            elif instruction.opname == "IMPORT_NAME":
+                used = {name, name.partition(".")[0]} & (IMPURE | ARRAYS)
+                yield from ((at, each) for each in used)
+            elif instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+                value = function.__globals__.get(name, getattr(builtins, name, None))
+                attribute = following.argval if following.opname in ("LOAD_ATTR", "LOAD_METHOD") else ""
+                constant = isinstance(value, ModuleType) and isinstance(getattr(value, attribute, None), float)
+                holder = type(getattr(value, "__self__", None)).__module__
+                module = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
+                origin = module or (type(value).__module__ if attribute else holder)
+                if origin in IMPURE or f"{origin}.{name}" in IMPURE:
+                    yield at, name
+                elif origin.partition(".")[0] in ARRAYS and not constant:
+                    yield at, origin.partition(".")[0]
+                elif isinstance(value, FunctionType) and of_author(value.__code__.co_filename):
+                    yield from _used(value, seen)

@@ -257,7 +257,8 @@ class _Watch:
             failure = RecordError(str(self.failed), time=self.board.time())
         elif error is not None:
             failure = _rebuilt(error)
-        elif presses.count > 0 and (not finished or result.partial):
+        elif presses.count > 0:
+            # Also after a complete run: what called this may have more to do.
             raise Interrupted(result, presses.number)
         elif not finished:
             limit = f"after {self.timeout:g} s, the limit for a call" if self.timed_out else ""

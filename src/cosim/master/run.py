@@ -141,7 +141,7 @@ class Run:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped or end is not None)
-        if stopped:
+        if stopped or interrupted():
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
@@ -162,7 +162,7 @@ class Run:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped)
-        if stopped:
+        if stopped or interrupted():
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fnmatch
 import importlib.util
 import math
-import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
@@ -17,6 +16,7 @@ import numpy as np
 
 from ..errors import CosimError, DescriptionError, SimulationError, suggest
 from ..fmu.places import study_folders
+from ..master.signals import held_back, released
 from ..master.simulation import simulate
 from ..result.result import Result
 from ..result.summary import tracking
@@ -157,11 +157,6 @@ def _run_in_process(
     return name, dict(outcome.numbers), outcome.result, outcome.steps, outcome.failure
 
 
-def _end_quietly() -> None:
-    """Let Ctrl-C end a process of the pool without a word. During a run it ends the run first."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 def matching_runs(study: Study, pattern: str) -> list[str]:
     """The runs whose names match ``pattern`` (``*`` and ``?``). Raises DescriptionError if there is none."""
     names = [name for name in study.runs if fnmatch.fnmatchcase(name, pattern)]
@@ -202,9 +197,11 @@ def run_study(
             progress(done[name])
     else:
         before = active_children()
-        pool = ProcessPoolExecutor(min(jobs, len(names)), mp_context=get_context("spawn"), initializer=_end_quietly)
+        pool = ProcessPoolExecutor(min(jobs, len(names)), mp_context=get_context("spawn"), initializer=released)
         try:
-            for future in as_completed([pool.submit(_run_in_process, folder, name, fmus, timeout) for name in names]):
+            with held_back():
+                futures = [pool.submit(_run_in_process, folder, name, fmus, timeout) for name in names]
+            for future in as_completed(futures):
                 name, numbers, result, steps, failure = future.result()
                 done[name] = Outcome(name, study.runs[name], numbers, result, steps, failure)
                 progress(done[name])

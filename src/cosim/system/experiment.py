@@ -157,9 +157,10 @@ def _plain(number: Fraction) -> str:
 def _tolerance(table: Mapping[str, Any], findings: Findings) -> float | None:
     if "tolerance" not in table:
         return None
-    number = decimal(table["tolerance"])
+    given = table["tolerance"]
+    number = None if isinstance(given, str) else decimal(given)
     if number is None or not number.is_finite() or not 0 < number < 1:
-        findings.problem("experiment.tolerance", f"{show_value(table['tolerance'])}: give a number between 0 and 1.")
+        findings.problem("experiment.tolerance", f"{show_value(given)}: give a number between 0 and 1.")
         return None
     return float(number)
 
