@@ -32,8 +32,8 @@ from ..errors import DescriptionError
 from ..files import forbidden_library, temporary_folder
 from ..master.board import Board, mapped
 from ..master.failure import process_error
+from ..master.interrupts import held_back
 from ..master.process import shared_memory
-from ..master.signals import held_back
 from ..reference import fmi_ls_ref as lsref
 from .fmi_ls_ref import ReferenceExperiment, Tolerance
 from .jobs import (

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import CosimError, DescriptionError, SimulationError, suggest
 from ..fmu.places import study_folders
-from ..master.signals import held_back, released
+from ..master.interrupts import held_back, released
 from ..master.simulation import simulate
 from ..result.result import Result
 from ..result.summary import tracking
