@@ -83,8 +83,11 @@ class Record:
         own = self.step if step is None else step
         if not (math.isfinite(own) and own > 0.0):
             raise DescriptionError(f"{self.path}: a step of {own:g} s: must be a finite number above 0.")
-        time = self.time[0] + own * np.arange(math.floor((self.time[-1] - self.time[0]) / own + EXACT) + 1)
-        columns = {name: np.interp(time, self.time, values) for name, values in self.columns.items()}
+        count = math.floor((self.time[-1] - self.time[0]) / own + EXACT) + 1
+        time: Array = self.time[0] + own * np.arange(count, dtype=np.float64)
+        columns: dict[str, Array] = {
+            name: np.interp(time, self.time, values).astype(np.float64) for name, values in self.columns.items()
+        }
         return replace(self, time=time, columns=columns)
 
     def uneven(self) -> str:
