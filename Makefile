@@ -3,6 +3,8 @@
 VENV := .venv
 BIN := $(VENV)/bin
 export PYTHON CONSTRAINTS
+# those of another Python would stop .venv's, or hide its packages
+unexport PYTHONHOME PYTHONPATH
 
 .PHONY: demo test lint fmus wheel release study bench docs conformance platforms lowest constraints clean build-tools \
 	test-tools lint-tools docs-tools

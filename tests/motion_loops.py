@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -110,3 +111,16 @@ def assert_follows(found: np.ndarray, name: str, tolerance: float) -> None:
     expected = reference("linear_motor")[name][: len(found)]
     scale = np.max(np.abs(expected), axis=0)
     assert np.max(np.abs(found - expected) / scale) < tolerance
+
+
+def assert_limited_and_odd(controller: Controller, values: Sequence[float], limit: float, **state: float) -> None:
+    """The command is finite and within ``limit``; with opposite inputs ``values`` and ``state`` it is the opposite."""
+    kind: Any = type(controller)
+    x, mirrored = kind.State(**state, started=1.0), kind.State(**{n: -v for n, v in state.items()}, started=1.0)
+    u = kind.Input(**unflatten(kind.Input, iter(values)))
+    opposite = kind.Input(**unflatten(kind.Input, (-value for value in values)))
+    y = controller.output(0.0, x, u)
+    assert all(math.isfinite(value) for value in (*y, *controller.update(0.0, x, u, y)))
+    # the command is the first output of each
+    assert abs(next(iter(y))) <= limit
+    assert next(iter(controller.output(0.0, mirrored, opposite))) == -next(iter(y))

@@ -22,6 +22,16 @@ EXISTING = {
 """Start values of ``NctfFuzzy`` that make it the existing variant."""
 WARM = {"F_C": 0.87 * 0.046, "F_S": 0.87 * 0.046, "sigma_2": 0.76 * 9.7e-4}
 """Friction of the warm ballscrew."""
+LARGEST_DAMPING = (
+    (0.02, 49.990, 48.563),
+    (0.05, 19.975, 19.404),
+    (0.1, 9.950, 9.665),
+    (0.2, 4.899, 4.757),
+    (0.25, 3.873, 3.759),
+    (0.3, 3.180, 3.085),
+    (0.4, 2.291, 2.220),
+)
+"""omega_n*T_s, and the largest stable damping ratio of the nominal stage for alpha*T_s -> 0 and alpha*T_s = 0.101."""
 
 
 @cache

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
 
 from cosim.design.documents import FitData, MapData, SweepData, TuningData
 from cosim.design.names import AxisNames, NctfNames
@@ -25,9 +27,21 @@ MODELS: Mapping[str, type[BaseModel]] = {
 }
 
 
+class Schema(GenerateJsonSchema):
+    """JSON Schemas whose tables have no other names than those that the reader takes."""
+
+    def dict_schema(self, schema: core_schema.DictSchema) -> JsonSchemaValue:
+        """A table with names that follow a pattern has no other names."""
+        found = super().dict_schema(schema)
+        return {**found, "additionalProperties": False} if "patternProperties" in found else found
+
+
 def schema(name: str) -> str:
     """The text of a schema file."""
-    content = {"$schema": "https://json-schema.org/draft/2020-12/schema", **MODELS[name].model_json_schema()}
+    content = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **MODELS[name].model_json_schema(schema_generator=Schema),
+    }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 

@@ -26,6 +26,9 @@ from fmus.physics.lugre import (
     BRISTLE_NOMINAL,
     bristle_damping,
     bristle_rate,
+    contact_rules,
+    counted,
+    damping_rule,
     friction,
     friction_level,
     passive_speed,
@@ -38,34 +41,6 @@ from fmus.physics.sampling import saturate
 TWO_PI = 6.283185307179586
 FLANK = 1e-9
 """A table counts as touching a flank of the play if its distance is below this share of the whole play."""
-
-
-def contact_rules(prefix: str, F_C: float, F_S: float, F_C_negative: float, F_S_negative: float) -> tuple[Rule, ...]:
-    """Rules of a contact: F_C and F_S are both positive or both 0, in each direction.
-
-    Otherwise the friction level would be 0 in sliding only or at standstill only. ``prefix`` stands before the names
-    F_C and F_S in the texts.
-    """
-
-    def rules(coulomb: float, static: float, C: str, S: str) -> tuple[Rule, ...]:
-        return (
-            Rule(
-                either(coulomb > 0.0, static <= 0.0),
-                f"{C} = 0 with {S} > 0: the friction of fast sliding would be 0, and the bristles could not be "
-                f"integrated. Set {C} above 0, or {S} = 0 for no dry friction.",
-            ),
-            Rule(
-                either(static > 0.0, coulomb <= 0.0),
-                f"{S} = 0 with {C} > 0: the friction at standstill would be 0, and the bristles could not be "
-                f"integrated. Set {S} above 0, or {C} = 0 for no dry friction.",
-            ),
-        )
-
-    C, S = f"{prefix}F_C", f"{prefix}F_S"
-    return (
-        *rules(F_C, F_S, C, S),
-        *rules(F_C * F_C_negative, F_S * F_S_negative, f"{C}*F_C_negative", f"{S}*F_S_negative"),
-    )
 
 
 def drift_rule(drift_amplitude: float, drift_frequency: float) -> Rule:
@@ -149,9 +124,17 @@ class RigidBallscrew(Plant):
         speed: float = variable(0.0, "rad/s", "Speed of the screw")
         friction_torque: float = variable(0.0, "N.m", "Friction torque at the screw, opposing positive motion")
 
-    def rules(self) -> tuple[Rule, ...]:
+    def contact_rules(self, compliance: float) -> tuple[Rule, ...]:
+        """Rules of friction and drift; ``compliance`` is the smallest deflection per torque [rad/N.m]."""
         return (
-            *contact_rules("", self.F_C, self.F_S, self.F_C_negative, self.F_S_negative),
+            *contact_rules(
+                self.F_C,
+                self.F_S,
+                self.F_C_negative,
+                self.F_S_negative,
+                load=self.friction_scale * (1.0 - self.drift_amplitude),
+                compliance=compliance,
+            ),
             drift_rule(self.drift_amplitude, self.drift_frequency),
         )
 
@@ -241,6 +224,9 @@ class BristleBallscrew(RigidBallscrew):
     class State(RigidBallscrew.State):
         bristle: float = variable(0.0, "rad", "Deflection of the bristles", nominal=BRISTLE_NOMINAL)
 
+    def rules(self) -> tuple[Rule, ...]:
+        return (*self.contact_rules(1.0 / self.sigma_0), damping_rule(self.v_d))
+
     def notes(self, x: State) -> tuple[Note, ...]:
         limit = passive_speed(4.0 * self.least_level(), self.sigma_1, self.v_d)
         bound = "4*min(F_C, F_S)/sigma_1"
@@ -253,7 +239,7 @@ class BristleBallscrew(RigidBallscrew):
     def torque(self, x: State, rate: float) -> float:
         """Friction torque [N.m] while the deflection of the bristle changes at ``rate`` [rad/s]."""
         return friction(
-            x.bristle,
+            counted(x.bristle, self.friction_scale),
             rate,
             x.speed,
             sigma_0=self.sigma_0,

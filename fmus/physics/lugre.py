@@ -7,8 +7,9 @@
 ``z`` is the mean deflection of the bristles. Friction opposes motion: it is positive for positive speed and is
 subtracted from the driving force. Without Stribeck effect F_S equals F_C, and v_s is any positive number; F_S below
 F_C is friction that rises with speed. v_d = 0 stands for a constant sigma_1. F_C and F_S are both positive or both
-0: otherwise the level falls to 0 in sliding or at standstill, and der(z) grows without bound. A level of 0 means that
-there is no contact: z stays where it is (start it at 0) and only sigma_2*speed is left.
+0: otherwise the level falls to 0 in sliding or at standstill, and der(z) grows without bound (``contact_rules``). A
+level of 0 means that there is no contact: z stays where it is. It must not count then (``counted``): only
+sigma_2*speed is left.
 Every expression and its derivatives are finite for finite arguments.
 
 Valid for one contact at constant normal load. The model is surely passive where sigma_1 < 4*level/abs(speed). With
@@ -24,10 +25,19 @@ screw driven stage, Motion Control (IntechOpen), 2010, sec. 2.3 and eq. (3).
 
 from __future__ import annotations
 
-from cosim.model import Note, both, exp, minimum, sign, where
+from cosim.model import Note, Rule, both, either, exp, minimum, sign, where
 
 ALWAYS = 1e100
 """A speed that no contact reaches."""
+
+SMALLEST_RATIO = 1e-6
+"""Smallest of F_C and F_S as a share of the largest: with less, the level all but vanishes in sliding or standstill."""
+
+SMALLEST_DEFLECTION = 1e-15
+"""Smallest deflection of slipping bristles in rad or m: the integrator cannot resolve less beside an angle of 1 rad."""
+
+SMALLEST_SPEED = 1e-12
+"""Smallest v_d above 0, in rad/s or m/s, as that of v_s."""
 
 BRISTLE_NOMINAL = 1e-5
 """Order of magnitude of a bristle's deflection in rad: declare a state ``z`` with this nominal value."""
@@ -94,6 +104,63 @@ def rising_notes(
         rising_note(F_C, F_S, unit, C, S),
         rising_note(negative, F_S * F_S_negative, unit, f"{C}*F_C_negative", f"{S}*F_S_negative"),
     )
+
+
+def contact_rules(
+    F_C: float,
+    F_S: float,
+    F_C_negative: float,
+    F_S_negative: float,
+    *,
+    load: float,
+    compliance: float,
+    prefix: str = "",
+) -> tuple[Rule, ...]:
+    """Rules of a contact in each direction: F_C and F_S are both positive, or both 0 for no dry friction.
+
+    ``load`` is the smallest factor on both, ``compliance`` the smallest deflection of the bristles per force
+    [rad/N.m or m/N]. ``prefix`` stands before the names F_C and F_S in the texts.
+    """
+
+    def rules(coulomb: float, static: float, C: str, S: str) -> tuple[Rule, ...]:
+        least = load * minimum(coulomb, static)
+        return (
+            Rule(
+                either(static <= 0.0, both(coulomb > 0.0, coulomb >= SMALLEST_RATIO * static)),
+                f"{C} = 0 with {S} > 0, or below {SMALLEST_RATIO:g} of it: the friction of fast sliding would be 0, "
+                f"and the bristles could not be integrated. Set {C} larger, or {S} = 0 for no dry friction.",
+            ),
+            Rule(
+                either(coulomb <= 0.0, both(static > 0.0, static >= SMALLEST_RATIO * coulomb)),
+                f"{S} = 0 with {C} > 0, or below {SMALLEST_RATIO:g} of it: the friction at standstill would be 0, "
+                f"and the bristles could not be integrated. Set {S} larger, or {C} = 0 for no dry friction.",
+            ),
+            Rule(
+                either(least <= 0.0, least * compliance >= SMALLEST_DEFLECTION),
+                f"friction_scale*{C} or friction_scale*{S} is so small that the bristles would slip within "
+                f"{SMALLEST_DEFLECTION:g} rad or m, and could not be integrated. Set them larger, or to 0 for no dry "
+                "friction.",
+            ),
+        )
+
+    C, S = f"{prefix}F_C", f"{prefix}F_S"
+    return (
+        *rules(F_C, F_S, C, S),
+        *rules(F_C * F_C_negative, F_S * F_S_negative, f"{C}*F_C_negative", f"{S}*F_S_negative"),
+    )
+
+
+def damping_rule(v_d: float, name: str = "v_d") -> Rule:
+    """Rule of the speed over which the damping of the bristles falls."""
+    return Rule(
+        either(v_d <= 0.0, v_d >= SMALLEST_SPEED),
+        f"{name} is above 0 but below {SMALLEST_SPEED:g}. Set it larger, or to 0 for a constant damping.",
+    )
+
+
+def counted(z: float, load: float) -> float:
+    """The part of a deflection or force ``z`` that counts: nothing where the factor ``load`` on the level is 0."""
+    return where(load > 0.0, z, 0.0)
 
 
 def friction(z: float, z_rate: float, speed: float, *, sigma_0: float, sigma_1: float, sigma_2: float) -> float:

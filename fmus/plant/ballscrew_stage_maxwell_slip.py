@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from cosim.model import Note, Rule, both, minimum, parameter, sign, variable, where
 from fmus.physics.ballscrew import RigidBallscrew
-from fmus.physics.lugre import ALWAYS, bristle_damping, passive_speed, passivity_note
+from fmus.physics.lugre import ALWAYS, bristle_damping, counted, damping_rule, passive_speed, passivity_note
 from fmus.physics.maxwell_slip import element_rate, slips_now
 
 
@@ -62,7 +62,8 @@ class BallscrewStageMaxwellSlip(RigidBallscrew):
 
     def rules(self) -> tuple[Rule, ...]:
         return (
-            *RigidBallscrew.rules(self),
+            *self.contact_rules(self.share()),
+            damping_rule(self.v_d),
             Rule(
                 abs(sum(self.alpha) - 1.0) <= 1e-6,
                 "alpha[1] + ... + alpha[4] is not 1: steady friction would not be the level. Change them.",
@@ -93,7 +94,9 @@ class BallscrewStageMaxwellSlip(RigidBallscrew):
         )
         mean = (a + b + c + d) / sum(self.k)
         damping = bristle_damping(x.speed, self.sigma_1, self.v_d)
-        return (a, b, c, d), sum(x.element) + damping * mean + self.viscous(x.speed) * x.speed
+        return (a, b, c, d), counted(sum(x.element), self.friction_scale) + damping * mean + self.viscous(
+            x.speed
+        ) * x.speed
 
     def derivative(self, t: float, x: State, u: RigidBallscrew.Input) -> State:
         rates, torque = self.friction(t, x)
@@ -109,11 +112,15 @@ class BallscrewStageMaxwellSlip(RigidBallscrew):
         )
         return replace(RigidBallscrew.update(self, t, x, u), slips=(a, b, c, d))
 
-    def notes(self, x: State) -> tuple[Note, ...]:
+    def share(self) -> float:
+        """The smallest deflection at which an element slips, for each torque of the level [rad/N.m]."""
         share = ALWAYS
         for k, alpha in zip(self.k, self.alpha, strict=True):
             share = where(both(k > 0.0, alpha > 0.0), minimum(share, alpha / where(k > 0.0, k, 1.0)), share)
-        limit = passive_speed(self.least_level() * share * sum(self.k), self.sigma_1, self.v_d)
+        return share
+
+    def notes(self, x: State) -> tuple[Note, ...]:
+        limit = passive_speed(self.least_level() * self.share() * sum(self.k), self.sigma_1, self.v_d)
         bound = "min(F_C, F_S)*min(alpha[i]/k[i])*(sum of k)/sigma_1"
         return (*RigidBallscrew.notes(self, x), passivity_note(x.largest_speed, limit, "rad/s", bound=bound))
 

@@ -20,10 +20,13 @@ from cosim.model import (
     variable,
     where,
 )
-from fmus.physics.ballscrew import contact_rules, drift, drift_rule
+from fmus.physics.ballscrew import drift, drift_rule
 from fmus.physics.lugre import (
     bristle_damping,
     bristle_rate,
+    contact_rules,
+    counted,
+    damping_rule,
     friction,
     friction_level,
     passive_speed,
@@ -164,9 +167,14 @@ class CompliantBallscrew(Plant):
         current: float = variable(0.0, "A", "Motor current")
 
     def rules(self) -> tuple[Rule, ...]:
+        negative = self.F_C_negative, self.F_S_negative
+        load = self.friction_scale * (1.0 - self.drift_amplitude)
+        screw, guide = 1.0 / self.sigma_0, 1.0 / self.guide_sigma_0
         return (
-            *contact_rules("", self.F_C, self.F_S, self.F_C_negative, self.F_S_negative),
-            *contact_rules("guide_", self.guide_F_C, self.guide_F_S, self.F_C_negative, self.F_S_negative),
+            *contact_rules(self.F_C, self.F_S, *negative, load=load, compliance=screw),
+            *contact_rules(self.guide_F_C, self.guide_F_S, *negative, load=load, compliance=guide, prefix="guide_"),
+            damping_rule(self.v_d),
+            damping_rule(self.guide_v_d, "guide_v_d"),
             Rule(
                 either(self.guide_friction, self.guide_F_S <= 0.0),
                 "guide_F_S is given but guide_friction is false. Set it true.",
@@ -243,7 +251,7 @@ class CompliantBallscrew(Plant):
         """Bristle rate [rad/s] and friction [N.m] at the screw, bristle rate [m/s] and friction [N] at the guide."""
         rate = bristle_rate(x.bristle, x.speed, self.screw_level(t, x.speed), self.sigma_0)
         torque = friction(
-            x.bristle,
+            counted(x.bristle, self.friction_scale),
             rate,
             x.speed,
             sigma_0=self.sigma_0,
@@ -257,7 +265,7 @@ class CompliantBallscrew(Plant):
             return rate, torque, 0.0, guide_sigma_2 * x.velocity
         guide_rate = bristle_rate(x.guide_bristle, x.velocity, self.guide_level(t, x.velocity), self.guide_sigma_0)
         force = friction(
-            x.guide_bristle,
+            counted(x.guide_bristle, self.friction_scale),
             guide_rate,
             x.velocity,
             sigma_0=self.guide_sigma_0,

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import design
     from .errors import CosimError, DescriptionError, FileError, SimulationError, TraceError
+    from .master.failure import ProcessError
     from .master.instance import CallError, RunError
-    from .master.isolation import ProcessError
     from .master.run import Interrupted, SignalError
     from .master.simulation import Simulation, simulate
     from .record.read import Record, read_record
@@ -71,7 +71,7 @@ __all__ = [
 _HOMES = {
     "errors": ("CosimError", "DescriptionError", "FileError", "SimulationError", "TraceError"),
     "master.instance": ("CallError", "RunError"),
-    "master.isolation": ("ProcessError",),
+    "master.failure": ("ProcessError",),
     "master.run": ("Interrupted", "SignalError"),
     "master.simulation": ("Simulation", "simulate"),
     "record.read": ("Record", "read_record"),

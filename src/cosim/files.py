@@ -185,10 +185,13 @@ def temporary_folder() -> Generator[Path]:
     The name of the folder identifies this process. If the process is killed, a later process removes the folder.
     """
     _remove_abandoned()
+    place = os.environ.get("TMPDIR") or "the temporary folder"
+    if any("\ud800" <= character <= "\udfff" for character in tempfile.gettempdir()):
+        # FMPy and lxml cannot open files there
+        raise FileError(f"{place}: the name of this folder for temporary files is not UTF-8. Set TMPDIR.")
     try:
         folder = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{_identity(os.getpid())}-"))
     except OSError as error:
-        place = os.environ.get("TMPDIR") or "the temporary folder"
         raise FileError(f"{place}: cannot make a temporary folder there: {reason(error)}. Set TMPDIR.") from None
     try:
         yield folder
@@ -198,6 +201,13 @@ def temporary_folder() -> Generator[Path]:
         raise FileError(f"{folder}: {reason(error)}. The variable TMPDIR names another place.") from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def forbidden_library(text: str) -> str:
+    """A sentence for the dynamic linker's ``text`` on a library in a temporary folder without programs; else ``""``."""
+    if "failed to map segment" not in text:
+        return ""
+    return " No program may run from the folder for temporary files (noexec): the variable TMPDIR names another place."
 
 
 def temporary_variables(folder: Path) -> dict[str, str]:

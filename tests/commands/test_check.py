@@ -69,17 +69,20 @@ def ending(folder: Path) -> Path:
     return write_fmu(folder / "E.fmu", variables, binary=probe_library("ending").read_bytes(), **header)
 
 
-@pytest.mark.parametrize(("gain", "text"), [(2, "SIGSEGV"), (3, "exit code 5")])
+@pytest.mark.parametrize(("gain", "text"), [(2, "crashed: SIGSEGV"), (3, "ended its process with exit code 5")])
 def test_an_fmu_that_ends_its_process_is_named(tmp_path: Path, cosim: Command, gain: int, text: str) -> None:
     code, out, err = cosim("check", ending(tmp_path), "--set", f"gain={gain}")
     assert code == 2
-    assert f"E ended the process during initialization ({text})." in err
+    assert f"E: fmi2EnterInitializationMode at 0 s {text}" in err
     assert "No problems." not in out
 
 
 def test_an_initialization_without_end_is_ended(tmp_path: Path) -> None:
     found = try_system(read_system(ending(tmp_path), {"gain": 4}), seconds=6.0)
-    assert found.problem == "E is not initialized after 6 s."
+    assert found.problem == (
+        "E: fmi2EnterInitializationMode at 0 s had not come back when 6 s had passed, the limit for the initialization,"
+        " and was ended."
+    )
 
 
 def test_problems_as_json(tmp_path: Path, cosim: Command) -> None:

@@ -60,7 +60,9 @@ def test_sweep(call: Any, tmp_path: Path) -> None:
     file.write_text(f"system = {system}\n[parameters]\n{parameters}\n[experiment]\nstop_time = 0.1\n", encoding="utf-8")
     found = call("sweep", file, "--output", tmp_path / "data", "--workers", 0)
     assert (found["runs"], found["new"], found["failed"]) == (2, 2, 0)
-    assert Path(found["report"]).is_file()
+    units = {name: spread["unit"] for name, spread in found["figures"].items()}
+    assert (units["error_rms"], units["command_max"], units["command_tv"]) == ("m", "A", "A/s")
+    assert "| error_rms | m | " in Path(found["report"]).read_text(encoding="utf-8")
     assert call("sweep", file, "--output", tmp_path / "data", "--workers", 0)["new"] == 0
 
 

@@ -16,6 +16,7 @@ from fmu_files import write_probe
 from cosim.commands import cli
 from cosim.commands.surroundings import explain
 from cosim.errors import DescriptionError
+from cosim.files import forbidden_library
 from cosim.fmu.archive import unpack
 
 SYSTEM = """
@@ -92,6 +93,31 @@ def test_a_user_without_home_and_name_can_run(place: Path, monkeypatch: pytest.M
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "Written: a.png" in done.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no names of folders that are not UTF-8")
+def test_a_folder_for_temporary_files_whose_name_cannot_be_read_is_named(place: Path) -> None:
+    folder = place / "lat\udcfc"
+    folder.mkdir()
+    done = cosim(place, "run", "größe.toml", TMPDIR=str(folder))
+    assert done.returncode != 0
+    assert "the name of this folder for temporary files is not UTF-8. Set TMPDIR." in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_folder_where_no_program_may_run_is_named() -> None:
+    text = "P.fmu/binaries/linux64/P.so: failed to map segment from shared object"
+    assert "(noexec): the variable TMPDIR" in forbidden_library(text)
+    assert forbidden_library("P.so: undefined symbol: f") == ""
+
+
+def test_wrong_settings_of_matplotlib_are_a_sentence(place: Path) -> None:
+    done = cosim(place, "run", "größe.toml", "--plot", "p.png", MPLBACKEND="nonsense")
+    assert done.returncode != 0
+    assert "Steps" in done.stdout
+    assert "matplotlib: " in done.stderr
+    assert "Correct the variable MPLBACKEND" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full, which stands for a full disk")

@@ -10,6 +10,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from nctf_reference import LARGEST_DAMPING
 
 from cosim.commands.cli import main
 from cosim.design.linearize import StateSpace, linearize, plot_bode
@@ -74,18 +75,7 @@ def test_polynomial_is_that_of_the_sampled_loop() -> None:
     assert radius == pytest.approx(np.max(np.abs(roots)), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("W", "closed", "sampled"),
-    [
-        (0.02, 49.990, 48.563),
-        (0.05, 19.975, 19.404),
-        (0.1, 9.950, 9.665),
-        (0.2, 4.899, 4.757),
-        (0.25, 3.873, 3.759),
-        (0.3, 3.180, 3.085),
-        (0.4, 2.291, 2.220),
-    ],
-)
+@pytest.mark.parametrize(("W", "closed", "sampled"), LARGEST_DAMPING)
 def test_largest_stable_damping_ratio(W: float, closed: float, sampled: float) -> None:
     assert closed_form_limits(W)[1] == pytest.approx(closed, rel=1e-3)
     assert linear_limits(W, 0.101)[1] == pytest.approx(sampled, rel=1e-3)

@@ -148,7 +148,7 @@ def test_the_report_shows_heat_maps(make: Callable[..., Sweep], tmp_path: Path) 
     rows = rows_of(tmp_path / "data")
     for name in figures:
         values = rows[name]
-        spread = f"| {name} | {min(values):.6g} | {float(np.median(values)):.6g} | {max(values):.6g} |"
+        spread = f"| {name} | m | {min(values):.6g} | {float(np.median(values)):.6g} | {max(values):.6g} |"
         assert f"{spread} {values.index(max(values))} |" in text
         assert f"]({name}.png)" in text
         assert (tmp_path / "data" / f"{name}.png").stat().st_size > 5000
@@ -361,8 +361,8 @@ def hostile(tmp_path: Path) -> Callable[..., Sweep]:
 @linux
 def test_runs_that_crash_or_exit_are_recorded_and_stop_no_other(hostile: Callable[..., Sweep], tmp_path: Path) -> None:
     reasons = {
-        "segv": "crashed: SIGSEGV",
-        "exit 0": "exit code 0",
+        "segv": "h: fmi2DoStep at 0.5 s crashed: SIGSEGV",
+        "exit 0": "h: fmi2DoStep at 0.5 s ended its process with exit code 0",
         "close all": "closed or damaged the connection",
         "write all": "closed or damaged the connection",
         "background": "exit code 0",
@@ -385,7 +385,8 @@ def test_runs_that_hang_are_recorded_and_the_sweep_ends(hostile: Callable[..., S
     plan = hostile("hang", "sleep", "deaf", timeout=1.0)
     outcome = sweep(plan, tmp_path / "data", workers=2)
     assert_complete(tmp_path / "data", plan)
-    assert rows_of(tmp_path / "data")["error"] == ["the run did not end within 1 s."] * 3
+    # On a busy machine a run may reach its limit before the call that hangs.
+    assert all("when 1 s had passed, the limit for a run" in text for text in rows_of(tmp_path / "data")["error"])
     assert outcome.failed == 3
     assert not workers()
 
@@ -402,7 +403,7 @@ def test_the_limit_of_a_run_is_one_for_loading_too(
     hostile: Callable[..., Sweep], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cosim.design.workers.LEAST_SECONDS", 0.0)
-    with Worker() as worker, pytest.raises(LoadError, match="loading the FMUs: the run did not end within 1e-09 s"):
+    with Worker() as worker, pytest.raises(LoadError, match=r"loading the FMUs: .* when 1e-09 s had passed, the limit"):
         worker.prepare(Loadable.of(hostile("good").system), 1e-9)
 
 

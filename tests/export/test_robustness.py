@@ -105,7 +105,8 @@ def test_sources_compiled_as_cpp_link_with_others_into_a_c_program(native: Path,
             *("-c", f"-D{upper}_FUNCTION_PREFIX={prefix}_", "-x", "c++", place / "model.c", "-o", objects[-1]),
             language=("c++", "-std=c++11"),
         )
-        program = program.replace(f"GUID_{k}", fmpy.read_model_description(folder / f"{name}.fmu").guid)
+        guid = fmpy.read_model_description(folder / f"{name}.fmu").guid
+        program = program.replace(f"GUID_{k}", str(guid))
     main = tmp_path / "main.c"
     main.write_text(program)
     headers = [f"-I{tmp_path / prefix / 'sources'}" for prefix in ("Plant", "Third")]

@@ -178,6 +178,24 @@ def test_backslashes_between_the_names_of_folders(tmp_path: Path) -> None:
     assert simulate(make_system(document(path), name="backslashes")).rows.shape == (11, 3)
 
 
+@pytest.mark.parametrize("form", ["./{}", ".//{}", "{}", ".\\{}"])
+def test_names_of_members_with_dots_and_empty_parts(tmp_path: Path, form: str) -> None:
+    """As ``zip -r x.fmu .`` of some programs writes them, with an entry for the folder itself."""
+    path = tmp_path / "Probe.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("./", b"")
+        archive.writestr(form.format("modelDescription.xml"), description(PROBE))
+        archive.writestr(form.format(library_name().replace("/", "//")), probe_library().read_bytes())
+    assert simulate(make_system(document(path), name="dots")).rows.shape == (11, 3)
+
+
+def test_a_member_that_is_a_file_and_a_folder_is_refused(tmp_path: Path) -> None:
+    members = {"modelDescription.xml": description(PROBE), library_name(): probe_library().read_bytes()}
+    path = write_zip(tmp_path / "Probe.fmu", {**members, "resources/a": b"1", "resources/a/b": b"2"})
+    with pytest.raises(DescriptionError, match=r"'resources/a' is a file, but other members lie in a folder of this"):
+        read_fmu(path)
+
+
 def test_a_right_file_has_no_findings(tmp_path: Path) -> None:
     fmu = read_fmu(write_probe(tmp_path))
     assert (fmu.findings, fmu.obstacles) == ((), ())

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from motion_loops import Sampled, reference, rk4
+from motion_loops import Sampled, assert_limited_and_odd, reference, rk4
 
-from cosim.model import unflatten
 from fmus.controllers.cascade_pid import CascadePid, FeedForward
 from fmus.controllers.disturbance_observer import DisturbanceObserver, ForceTiming
 from fmus.controllers.friction_pulse import FrictionPulse, Mode
@@ -158,14 +157,7 @@ def test_pulse_and_estimate_enter_with_their_signs():
 def test_command_is_finite_within_its_limit_and_odd(values: list[float], limit: float):
     for source in FeedForward:
         controller = CascadePid(command_max=limit, feedforward_source=source)
-        x = controller.State(integral=values[0], started=1.0)
-        u = controller.Input(**unflatten(controller.Input, iter(values)))
-        y = controller.output(0.0, x, u)
-        assert all(math.isfinite(value) for value in (*y, *controller.update(0.0, x, u, y)))
-        assert abs(y.command) <= limit
-        opposite = controller.Input(**unflatten(controller.Input, (-value for value in values)))
-        mirrored = controller.State(integral=-values[0], started=1.0)
-        assert controller.output(0.0, mirrored, opposite).command == -y.command
+        assert_limited_and_odd(controller, values, limit, integral=values[0])
 
 
 def test_zero_in_zero_out():

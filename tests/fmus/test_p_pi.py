@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from motion_loops import Sampled, assert_follows, motor_loop
+from motion_loops import Sampled, assert_follows, assert_limited_and_odd, motor_loop
 
-from cosim.model import unflatten
 from fmus.controllers.p_pi import PPi
 from fmus.physics.sampling import VelocitySource
 
@@ -98,14 +97,7 @@ def test_velocity_from_the_input():
 
 @given(values=st.lists(st.floats(-1e3, 1e3), min_size=6, max_size=6), limit=st.floats(1e-6, 1e3))
 def test_command_is_finite_within_its_limit_and_odd(values: list[float], limit: float):
-    controller = PPi(command_max=limit)
-    x = controller.State(integral=values[0], started=1.0)
-    u = controller.Input(**unflatten(controller.Input, iter(values)))
-    y = controller.output(0.0, x, u)
-    assert all(math.isfinite(value) for value in (*y, *controller.update(0.0, x, u, y)))
-    assert abs(y.command) <= limit
-    opposite = controller.Input(**unflatten(controller.Input, (-value for value in values)))
-    assert controller.output(0.0, controller.State(integral=-values[0], started=1.0), opposite).command == -y.command
+    assert_limited_and_odd(PPi(command_max=limit), values, limit, integral=values[0])
 
 
 def test_zero_in_zero_out():

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from motion_loops import Sampled, assert_follows, motor_loop
+from motion_loops import Sampled, assert_follows, assert_limited_and_odd, motor_loop
 
-from cosim.model import unflatten
 from fmus.controllers.super_twisting import SuperTwisting, Switching
 from fmus.physics.sampling import VelocitySource
 
@@ -70,14 +69,7 @@ def test_integrals_are_held_at_the_limit():
 def test_command_is_finite_within_its_limit_and_odd(values: list[float], limit: float):
     for switching in Switching:
         controller = SuperTwisting(command_max=limit, switching=switching)
-        x = controller.State(v=values[0], integral_error=values[1], started=1.0)
-        u = controller.Input(**unflatten(controller.Input, iter(values)))
-        y = controller.output(0.0, x, u)
-        assert all(math.isfinite(value) for value in (*y, *controller.update(0.0, x, u, y)))
-        assert abs(y.command) <= limit
-        mirrored = controller.State(v=-values[0], integral_error=-values[1], started=1.0)
-        opposite = controller.Input(**unflatten(controller.Input, (-value for value in values)))
-        assert controller.output(0.0, mirrored, opposite).command == -y.command
+        assert_limited_and_odd(controller, values, limit, v=values[0], integral_error=values[1])
 
 
 def test_zero_in_zero_out():

@@ -351,8 +351,8 @@ def test_the_command_keeps_the_rows(run: Cosim, tmp_path: Path, how: str, text: 
 @pytest.mark.parametrize(
     ("command", "code", "text"),
     [
-        ("check", 2, "ended the process during initialization (SIGSEGV)."),
-        ("linearize", 1, "error: the process of the FMUs crashed: SIGSEGV"),
+        ("check", 2, "error: bad: fmi2EnterInitializationMode at 0 s crashed: SIGSEGV"),
+        ("linearize", 1, "error: bad: fmi2EnterInitializationMode at 0 s crashed: SIGSEGV"),
     ],
 )
 def test_commands_without_a_run_outlive_a_crash(run: Cosim, command: str, code: int, text: str) -> None:

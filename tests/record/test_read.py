@@ -57,6 +57,12 @@ def test_heads_say_names_and_units(tmp_path: Path, text: str, unit: str) -> None
     assert record.units["x"] == unit
 
 
+def test_a_signal_called_time_is_not_the_time(tmp_path: Path) -> None:
+    record = read_record(written(tmp_path / "a.csv", "a.time,Time,b.t,x\n5,0,6,1\n5,1,6,2\n"))
+    assert record.time.tolist() == [0.0, 1.0]
+    assert set(record.columns) == {"a.time", "b.t", "x"}
+
+
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-8"])
 def test_encodings(tmp_path: Path, encoding: str) -> None:
     record = read_record(written(tmp_path / "a.csv", "t [s];Weg [µm]\n0;1,5\n1;2,5\n", encoding))

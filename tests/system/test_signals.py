@@ -140,7 +140,7 @@ def test_a_record_of_a_run_keeps_its_units_in_every_form(
         ({"extend": "zero"}, "signals.log.extend: 'zero' is not one of the values allowed. Known: hold, repeat, stop."),
         ({"time": "x"}, "column x: 'mm' is no unit of time."),
         ({"time_unit": "m"}, "column t: 'm' is no unit of time."),
-        ({"sampling_time": "often"}, "signals.log.sampling_time: 'often' is no number of seconds."),
+        ({"sampling_time": "often"}, "signals.log.sampling_time: must be a number of seconds, or a quotient"),
         ({"time": "t", "sampling_time": 1e-3}, "give a column of time or a sampling time, not both"),
         ({"columns": {"f": "forc"}}, "no column 'forc'. Did you mean 'force'?"),
         ({"columns": {"f": {"colum": "force"}}}, "signals.log.columns.f.colum: unknown key. Did you mean 'column'?"),

@@ -71,20 +71,31 @@ def test_steps_that_are_none(tmp_path: Path, step: object, text: str) -> None:
     assert text in caught.value.problems[0]
 
 
-@pytest.mark.parametrize("sampling", ["1/30", "1/60", "1/10", "0.03333333333333333"])
-def test_sampling_times_may_be_fractions(tmp_path: Path, sampling: str) -> None:
+def sampled(folder: Path, sampling: object) -> System:
+    """An instance with the sampling time ``sampling``, in steps of 1/30 s."""
     variables = [dataclasses.replace(v, name="T_s" if v.name == "time_constant" else v.name) for v in PROBE]
-    write_fmu(tmp_path / "C.fmu", variables, binary=probe_library().read_bytes())
-    given: object = sampling if "/" in sampling else Decimal(sampling)
+    write_fmu(folder / "C.fmu", variables, binary=probe_library().read_bytes())
     document: dict[str, Any] = {
         "experiment": {"stop_time": 1, "step_size": "1/30"},
-        "instances": {"c": {"fmu": "./C.fmu", "start": {"T_s": given}}},
+        "instances": {"c": {"fmu": "./C.fmu", "start": {"T_s": sampling}}},
     }
-    system = make_system(document, folder=tmp_path)
+    return make_system(document, folder=folder)
+
+
+@pytest.mark.parametrize("sampling", ["1/30", "1/60", "1/10", "0.03333333333333333"])
+def test_sampling_times_may_be_fractions(tmp_path: Path, sampling: str) -> None:
+    system = sampled(tmp_path, sampling if "/" in sampling else Decimal(sampling))
     numerator, _, denominator = sampling.partition("/")
     assert system.instances[0].start["T_s"] == float(numerator) / float(denominator or "1")
     samples = [note for note in system.notes if "samples a step" in note]
     assert bool(samples) == (sampling == "1/60")
+
+
+def test_a_changed_sampling_time_is_checked_against_the_step(tmp_path: Path) -> None:
+    system = sampled(tmp_path, "1/30")
+    changed = system.changed({"c.T_s": "1/60"})
+    assert not [note for note in system.notes if "samples a step" in note]
+    assert [note for note in changed.notes if "samples a step" in note]
 
 
 # Order
@@ -145,11 +156,6 @@ def test_one_simulation_runs_variants_of_its_program(tmp_path: Path, order: obje
     with Simulation(first) as simulation:
         shared = [simulation.run(system).rows.tolist() for system in (first, second, first)]
     assert shared == [alone[0], alone[1], alone[0]]
-
-
-def test_the_digest_tells_the_decimation(tmp_path: Path) -> None:
-    system = probe(tmp_path, stop_time=1, step_size=Decimal("0.1"))
-    assert system.changed(decimation=2).digest != system.digest
 
 
 @pytest.mark.parametrize(

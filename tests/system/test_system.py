@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import stat
 import zipfile
 from collections.abc import Callable
@@ -198,14 +199,49 @@ def test_overrides_replace_start_values(read: Read) -> None:
     assert again.steps == 2000
 
 
-def test_hash_tells_what_decides_the_results(read: Read) -> None:
+def test_the_digest_stays_where_the_results_stay(read: Read) -> None:
     digest = read().digest
     assert read().digest == digest
     assert read(overrides={"plant.mass": 2.5}).digest == digest
     assert read(GOOD, ("A loop", "The same loop")).digest == digest
-    assert read(overrides={"plant.mass": 2.6}).digest != digest
-    assert read(step_size="5e-4").digest != digest
-    assert read(order="parallel").digest != digest
+
+
+NOISY = '{ from = "plant.position", to = "controller.position", noise = { rms = 1e-9, seed = 1 } }'
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("mass = 2.5", "mass = 2.6"),
+        ("step_size = 1e-3", "step_size = 5e-4"),
+        ("stop_time = 1.0", "stop_time = 2.0"),
+        ("[experiment]", '[experiment]\norder = "parallel"'),
+        ("[experiment]", "[experiment]\ntolerance = 1e-6"),
+        ("[experiment]", "[record]\ndecimation = 2\n[experiment]"),
+        ("[experiment]", '[record]\nvariables = ["plant.position"]\n[experiment]'),
+        ('fmu = "Controller"', 'fmu = "Controller"\nstep_multiple = 2'),
+        ("factor = 2.0", "factor = 3.0"),
+        ("offset = 0.5", "offset = 0.0"),
+        ('"plant.position -> controller.position"', NOISY),
+    ],
+)
+def test_the_digest_tells_what_decides_the_results(read: Read, old: str, new: str) -> None:
+    assert read(GOOD, (old, new)).digest != read().digest
+
+
+def test_the_digest_tells_the_noise(read: Read) -> None:
+    noisy = ('"plant.position -> controller.position"', NOISY)
+    changes = (("seed = 1", "seed = 2"), ("1e-9", "2e-9"), ("1e-9", "1e-9"))
+    assert len({read(GOOD, noisy, change).digest for change in changes}) == 3
+
+
+def test_the_digest_tells_the_order_of_a_sum(read: Read) -> None:
+    """Sums in another order may differ in the last bit."""
+    sums = [
+        f'{{ from = ["{first}", "{second}"], to = "controller.position_ref" }}'
+        for first, second in itertools.permutations(("source.y", "plant.position"))
+    ]
+    assert len({read(GOOD, ('"source.y -> controller.position_ref"', entry)).digest for entry in sums}) == 2
 
 
 def test_values_typed_at_a_prompt() -> None:

@@ -9,6 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import pytest
+from conftest import Command
 from fmu_files import PROBE, Variable, probe_library, write_fmu, write_probe
 
 from cosim.commands.cli import main
@@ -121,6 +122,27 @@ def test_any_name_survives_every_form(tmp_path: Path, name: str, other: str) -> 
     for read in (packed, read_system(write_system(packed, tmp_path / "s.toml"))):
         assert read.digest == system.digest
         assert simulate(read).rows.tolist() == expected.rows.tolist()
+
+
+@pytest.mark.parametrize("name", ["a:b", "back\\slash", "tab\t", "what?*", "\udcfc", "a -> b = [1]", "100 %20"])
+def test_fmu_files_of_any_name_are_exported(tmp_path: Path, name: str) -> None:
+    path = write_probe(tmp_path).rename(tmp_path / f"{name}.fmu")
+    document = {
+        "experiment": {"stop_time": 1, "step_size": 1},
+        "instances": {"a": {"fmu": str(path)}, "b": {"fmu": str(path)}},
+    }
+    system = make_system(document, folder=tmp_path)
+    packed = read_system(write_ssp(system, tmp_path / "s.ssp"))
+    for read in (packed, read_system(write_system(packed, tmp_path / "s.toml"))):
+        assert read.digest == system.digest
+
+
+def test_a_name_is_shown_as_it_is(tmp_path: Path, cosim: Command) -> None:
+    """Even if it looks like an emoji or a style of the terminal library."""
+    (tmp_path / "s.toml").write_text('[instances."a:b:"]\nfmu = "./P.fmu"\n[instances."x [red]"]\nfmu = "./P.fmu"\n')
+    _, _, err = cosim("check", tmp_path / "s.toml")
+    assert "instances.a:b:" in err
+    assert "instances.x [red]" in err
 
 
 def test_a_blank_may_stand_in_a_short_connection(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from ..errors import DescriptionError, listed
 from .console import make_table, print_error, print_json, standard_output
-from .parser import EXIT_CODES
+from .parser import EXIT_CODES, timeout_argument
 from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
@@ -37,12 +37,13 @@ def add(commands: Any) -> None:
     }
     system_arguments(check)
     check.add_argument("--json", action="store_true", help="print what was found as JSON, for scripts")
+    timeout_argument(check, "the initialization", "60")
     check.set_defaults(command=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
     """Check a system. The exit code is 0 if it can run, 2 if not."""
-    from ..master.trial import try_system
+    from ..master.trial import SECONDS, try_system
 
     try:
         system = given_system(options)
@@ -51,7 +52,7 @@ def _run(options: argparse.Namespace) -> int:
             raise
         print_json({"system": options.system, "problems": error.problems, "notes": []})
         return 2
-    trial = try_system(system)
+    trial = try_system(system, seconds=options.timeout or SECONDS)
     notes = [*system.notes, *_resting(system), *trial.notes]
     if options.json:
         print_json(_facts(system, [trial.problem] if trial.problem else [], notes))

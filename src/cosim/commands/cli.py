@@ -14,7 +14,7 @@ from importlib import import_module
 
 from ..errors import CosimError, DescriptionError
 from ..extras import EXTRAS, missing
-from ..master.signals import Ended, ending_by_exception
+from ..master.interrupts import Ended, ending_by_exception
 from ..version import VERSION
 from .console import log_on_standard_error, print_error
 from .parser import Parser

@@ -26,7 +26,7 @@ from .console import (
     standard_output,
     write_files,
 )
-from .parser import EXIT_CODES
+from .parser import EXIT_CODES, timeout_argument
 from .systems import given_values, stated_units, units_argument
 
 if TYPE_CHECKING:
@@ -92,6 +92,7 @@ def add(commands: Any) -> None:
     compare.add_argument("--plot", type=Path, metavar="FILE", help="draw both and their difference")
     compare.add_argument("--report", type=Path, metavar="FILE", help="write a page, such as both.html (extra report)")
     compare.add_argument("--json", action="store_true", help="print the comparison as JSON, for scripts")
+    timeout_argument(compare)
     fmus_argument(compare)
     compare.set_defaults(command=_compare)
 
@@ -121,7 +122,7 @@ def _compare(options: argparse.Namespace) -> int:
     numbers, tolerances = _check(options, problems)
     sides = _opened(options, numbers, problems)
     labels = _labels(options)
-    sources = _source(sides[0]), _source(sides[1])
+    sources = _source(sides[0], options.timeout), _source(sides[1], options.timeout)
     signals = given_signals(options.signals)
     shown = _tolerances(tolerances, signals, sources, numbers["time_tolerance"])
     found = compare(
@@ -323,7 +324,7 @@ def _labels(options: argparse.Namespace) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def _source(side: System | Result | Record) -> Result | Record:
+def _source(side: System | Result | Record, timeout: float | None) -> Result | Record:
     """The record or result of a side. A system is run first. Raises RunError if the run fails."""
     from ..system.system import System
 
@@ -335,7 +336,7 @@ def _source(side: System | Result | Record) -> Result | Record:
     for note in side.notes:
         print_note(f"note: {side.name}: {note}")
     with Bar(side.name) as bar:
-        return simulate_isolated(side, progress=lambda share: bar.update(share * length, length))
+        return simulate_isolated(side, progress=lambda share: bar.update(share * length, length), timeout=timeout)
 
 
 # Output.

@@ -35,7 +35,7 @@ QUIET_SECONDS = 1.0
 
 def standard_output() -> Console:
     """Standard output, for text and tables."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     if not console.is_terminal:
         console.width = WIDTH
     return console
@@ -43,12 +43,14 @@ def standard_output() -> Console:
 
 def print_error(text: str) -> None:
     """Print an error on standard error. Lines are not wrapped, so that the text can be searched."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {escape(harmless(text))}")
+    Console(stderr=True, highlight=False, emoji=False, soft_wrap=True).print(
+        f"[bold red]error:[/] {escape(harmless(text))}"
+    )
 
 
 def print_note(text: str) -> None:
     """Print a line on standard error."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(escape(harmless(text)))
+    Console(stderr=True, highlight=False, emoji=False, soft_wrap=True).print(escape(harmless(text)))
 
 
 _CONTROLS = {
@@ -158,7 +160,7 @@ class Bar(AbstractContextManager["Bar"]):
                 TextColumn("{task.fields[count]} {task.fields[note]}"),
             )
             columns = texts[0], BarColumn(), texts[1], TimeElapsedColumn(), TimeRemainingColumn()
-            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar = Progress(*columns, console=Console(stderr=True, emoji=False), transient=True)
             self._bar.add_task(escape(self._description), total=total, count="", note="")
             self._bar.start()
         count = f"{done:.4g}" if total is None else f"{done:.4g}/{total:.4g}"

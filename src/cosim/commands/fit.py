@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, check_files, check_page, common_arguments, print_note, show, write_files
-from .parser import count
+from .parser import RUN_LIMIT, count, timeout_argument
 from .systems import base_argument
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def add(commands: Any) -> None:
     fit.add_argument("--report", type=Path, metavar="FILE", help="write a page (.html) with everything")
     base_argument(fit, "start.toml", "that of FIT")
     fit.add_argument("--workers", type=count, metavar="N", help="processes (default: one a core)")
+    timeout_argument(fit, "a run", f"timeout in FIT, else {RUN_LIMIT}")
     common_arguments(fit, _fit)
 
 
@@ -48,6 +50,7 @@ def _fit(options: argparse.Namespace) -> int:
     start = None if options.output is None else options.output / "start.toml"
     check_files(start)
     problem = fit.read_fit(options.file, fmus=options.fmus)
+    problem = replace(problem, timeout=options.timeout or problem.timeout)
     base = None
     if start is not None:
         base = base_name(options.base or shipped_file(problem.system, problem.folder), start)

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import DescriptionError
 from .console import check_files, check_plot, common_arguments, print_note, show, write_files
-from .parser import number, positive
+from .parser import number, positive, timeout_argument
 from .systems import base_argument, stated_units, units_argument
 
 
@@ -44,6 +44,7 @@ def add(commands: Any) -> None:
     nct.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the NCT (.toml)")
     base_argument(nct, "the start file")
     nct.add_argument("--plot", type=Path, metavar="FILE", help="draw the phase plane")
+    timeout_argument(nct)
     common_arguments(nct, _identify)
     _add_friction(identify)
 
@@ -126,15 +127,17 @@ def _friction(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> int:
     from ..design import identify
-    from ..fmu.places import base_name
+    from ..fmu.places import base_name, shipped_file
+    from ..system.system import read_system
 
     if (options.omega_n is None) != (options.zeta is None):
         raise DescriptionError("--omega-n and --zeta go together: give both or none.")
     check_files(options.output, options.start)
     check_plot(options.plot)
-    base = None
+    base = system = None
     if options.start is not None and options.base is not None:
         base = base_name(options.base, options.start)
+        system = read_system(shipped_file(base, options.start.parent), fmus=options.fmus)
     nct = identify.identify_nct(
         options.source,
         alpha=options.alpha,
@@ -143,6 +146,7 @@ def _identify(options: argparse.Namespace) -> int:
         velocity=options.velocity or None,
         differentiate=options.velocity == "",
         command=options.input,
+        timeout=options.timeout,
         fmus=options.fmus,
     )
     gains = None if options.zeta is None else nct.gains(options.omega_n, options.zeta)
@@ -162,7 +166,7 @@ def _identify(options: argparse.Namespace) -> int:
     show(options, {name: value for name, value, _ in figures}, [("NCT", "", ""), *rows], str(options.source))
     written = write_files(
         (options.output, lambda path: identify.write_nct(nct, path)),
-        (options.start, lambda path: identify.write_start(nct, path, gains=gains, base=base)),
+        (options.start, lambda path: identify.write_start(nct, path, gains=gains, base=base, system=system)),
         (options.plot, lambda path: identify.plot_nct(nct, path)),
     )
     return 0 if written else 1

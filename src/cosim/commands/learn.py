@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, check_files, check_plot, common_arguments, set_argument, show, write_files
-from .parser import count
+from .parser import RUN_LIMIT, count, timeout_argument
 from .systems import base_argument, given_values
 
 if TYPE_CHECKING:
@@ -49,18 +49,22 @@ def add(commands: Any) -> None:
     set_argument(pulse, several=True)
     pulse.add_argument("--workers", type=count, default=1, metavar="N", help="threads (default: 1; runs are short)")
     pulse.add_argument("--plot", type=Path, metavar="FILE", help="draw the tables")
+    timeout_argument(pulse, "a run", RUN_LIMIT)
     common_arguments(pulse, _learn)
 
 
 def _learn(options: argparse.Namespace) -> int:
     from ..design import pulse
     from ..fmu.places import base_name
+    from ..system.system import read_system
 
     tables = options.output / "tables.toml"
     check_files(tables)
     check_plot(options.plot)
     well = True
     values = given_values(options.values)
+    system = read_system(options.system, fmus=options.fmus)
+    given: dict[str, Any] = {"overrides": values, "timeout": options.timeout, "fmus": options.fmus}
     base = base_name(options.base or options.system, tables)
     learned: dict[str, pulse.Learned] = {}
     checks: dict[str, list[pulse.Monitored]] = {}
@@ -70,7 +74,7 @@ def _learn(options: argparse.Namespace) -> int:
         axis = pulse.Axis.named(name)
         if options.monitor:
             learned[axis.pulse] = pulse.load(file)
-            found = pulse.monitor(options.system, learned[axis.pulse], axis, overrides=values, fmus=options.fmus)
+            found = pulse.monitor(system, learned[axis.pulse], axis, **given)
             checks[axis.pulse] = found
             if max(point.ratio for point in found) <= pulse.RELEARN:
                 continue
@@ -80,7 +84,7 @@ def _learn(options: argparse.Namespace) -> int:
                 bar.update(done, total, stage)
 
             learned[axis.pulse] = pulse.learn_friction_pulse(
-                options.system, axis, overrides=values, workers=options.workers, fmus=options.fmus, progress=advance
+                system, axis, **given, workers=options.workers, progress=advance
             )
         anew.append(axis.pulse)
         # Saved at once: what was learned is kept if the next axis fails or is interrupted.
@@ -94,7 +98,7 @@ def _learn(options: argparse.Namespace) -> int:
     kept = "nothing learned anew" if not anew else f"tables in {tables}"
     show(options, {"pulses": content, "tables": str(tables) if anew else None}, rows, f"Friction pulses, {kept}")
     written = write_files(
-        (tables if anew else None, lambda path: pulse.write_start(learned, path, base=base)),
+        (tables if anew else None, lambda path: pulse.write_start(learned, path, base=base, system=system)),
         (options.plot, lambda path: pulse.plot_learned(learned, path)),
     )
     return 0 if well and written else 1

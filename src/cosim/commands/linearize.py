@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import DescriptionError
 from .console import check_plot, common_arguments, print_note, set_argument, show, write_files
+from .parser import timeout_argument
 from .systems import given_values
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def add(commands: Any) -> None:
         "--controller", default="controller", metavar="NAME", help="instance that closes the loop (default: controller)"
     )
     linearize.add_argument("--plot", type=Path, metavar="FILE", help="Bode picture of the first input and output")
+    timeout_argument(linearize, "the run", "3600")
     common_arguments(linearize, _linearize)
 
 
@@ -81,10 +83,11 @@ def _linearize(options: argparse.Namespace) -> int:
 
         system, instance = read_system(file, values, fmus=options.fmus), options.instance
     # In a process of its own, an FMU that crashes does not end this command.
+    limit = Limit(options.timeout)
     with Worker() as worker:
         source = Loadable.of(system)
-        model = worker.call(_model, source, instance, at, options.inputs, options.outputs, limit=Limit())
-        margins = options.margins and worker.call(_margins, source, at, options.controller, instance, limit=Limit())
+        model = worker.call(_model, source, instance, at, options.inputs, options.outputs, limit=limit)
+        margins = options.margins and worker.call(_margins, source, at, options.controller, instance, limit=limit)
     notes = [f"{name} changes nothing here: it is saturated or switched off." for name in model.idle_inputs]
     notes += [f"{name} has no derivative here: it is rounded or switched off." for name in model.idle_outputs]
     for note in notes:
@@ -129,7 +132,7 @@ def _show(
         "margins": None if found is None else vars(found),
         "notes": notes,
     }
-    rows: list[tuple[str, ...]] = [("", "State space in SI units", "Unit")]
+    rows: list[tuple[str, ...]] = [("", "State space in these units", "Unit")]
     names = (*model.states, *model.inputs)
     for left, right, labels in ((model.A, model.B, model.states), (model.C, model.D, model.outputs)):
         for label, x, u in zip(labels, left.tolist(), right.tolist(), strict=True):

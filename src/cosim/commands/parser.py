@@ -8,7 +8,7 @@ import math
 import re
 import shutil
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NoReturn, cast
 
 from ..errors import suggest
@@ -50,6 +50,22 @@ def count(text: str) -> int:
         if (value := int(text)) >= 1:
             return value
     raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not '{text}'")
+
+
+def timeout_argument(
+    parser: argparse.ArgumentParser,
+    of: str = "a call of an FMU",
+    default: str = "none",
+    *,
+    kind: Callable[[str], float] = positive,
+) -> None:
+    """Add ``--timeout``, the limit in s for a call of an FMU, or ``of`` something else; ``kind`` reads its value."""
+    text = f"longest time of {of}, such as 30; what takes longer is ended (default: {default})"
+    parser.add_argument("--timeout", type=kind, metavar="SECONDS", help=text)
+
+
+RUN_LIMIT = "20 times the longest run so far, at least 10"
+"""The limit of a run without ``--timeout``, for ``timeout_argument``."""
 
 
 class Parser(argparse.ArgumentParser):

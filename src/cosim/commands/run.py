@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from rich.markup import escape
 
-from ..errors import CosimError, DescriptionError
+from ..errors import CosimError, DescriptionError, listed
 from .compare import comparison_content, show_comparison
 from .console import (
     Bar,
@@ -29,7 +29,7 @@ from .console import (
     write_files,
 )
 from .overlay import Overlay, opened, overlay_arguments
-from .parser import EXIT_CODES
+from .parser import EXIT_CODES, timeout_argument
 from .systems import given_system, system_arguments
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def add(commands: Any) -> None:
     run.add_argument(
         "--keep-going", action="store_true", help="go on if a connection carries a value that is not finite"
     )
-    run.add_argument("--timeout", metavar="SECONDS", help="end the run if a call of an FMU takes longer, such as 30")
+    timeout_argument(run)
     run.add_argument(
         "--in-process",
         action="store_true",
@@ -152,17 +152,10 @@ def _check(options: argparse.Namespace) -> None:
 
         problems += problems_of(lambda: check_output(options.output))
     problems += problems_of(lambda: check_plot(options.plot), lambda: check_page(options.report))
-    try:
-        limit = None if options.timeout is None else float(options.timeout)
-    except ValueError:
-        limit = 0.0
-    if limit is not None and not 0.0 < limit < float("inf"):
-        problems.append(f"--timeout {options.timeout}: give a positive number of seconds, such as 30.")
-    elif limit is not None and options.in_process:
+    if options.timeout is not None and options.in_process:
         problems.append("--timeout: only works for FMUs in a process of their own. Leave --in-process out.")
     if problems:
         raise DescriptionError(problems)
-    options.timeout = limit
 
 
 def _simulate(system: System, options: argparse.Namespace, bar: Bar, record: _RecordFile) -> Result:
@@ -417,9 +410,8 @@ def _table(result: Result, figures: Sequence[FigureOfMerit | Missing]) -> Table:
 def _not_finite(wrong: Mapping[str, float]) -> str:
     """A sentence about the variables that are not finite, in the order of the times from which they are not."""
     first = sorted(wrong.items(), key=lambda item: item[1])
-    shown = ", ".join(f"{name} is not finite from {time:.9g} s on" for name, time in first[:MAX_SHOWN_NAMES])
-    more = f", and {len(first) - MAX_SHOWN_NAMES} more variables" if len(first) > MAX_SHOWN_NAMES else ""
-    return f"{shown}{more}. No figure is computed from these."
+    shown = listed([f"{name} is not finite from {time:.9g} s on" for name, time in first], MAX_SHOWN_NAMES)
+    return f"{shown}. No figure is computed from these."
 
 
 def _said(result: Result) -> list[str]:

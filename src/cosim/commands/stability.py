@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .console import Bar, check_plot, common_arguments, set_argument, show, write_files
-from .parser import positive
+from .parser import RUN_LIMIT, positive, timeout_argument
 from .systems import given_values
 
 
@@ -61,6 +61,7 @@ def add(commands: Any) -> None:
         "--swing", type=positive, default=50e-9, metavar="m", help="least oscillation that counts, in m (default: 5e-8)"
     )
     practical.add_argument("--stop-time", default="0.6", metavar="s", help="end of a run, in s (default: 0.6)")
+    timeout_argument(practical, "a run", RUN_LIMIT)
     common_arguments(practical, _practical)
     maps = stability.add_parser(
         "map",
@@ -70,6 +71,7 @@ def add(commands: Any) -> None:
     maps.examples = ("cosim stability map maeda2008/limits/friction --plot friction.png",)
     maps.add_argument("file", type=Path, metavar="MAP", help="a map file (.toml)")
     maps.add_argument("--plot", type=Path, metavar="FILE", help="draw the map")
+    timeout_argument(maps, "a run", f"timeout in MAP, else {RUN_LIMIT}")
     common_arguments(maps, _map)
 
 
@@ -97,6 +99,7 @@ def _practical(options: argparse.Namespace) -> int:
         last=options.last,
         swing=options.swing,
         stop_time=options.stop_time,
+        timeout=options.timeout,
         fmus=options.fmus,
     )
     content = {"limit": limit.value, "stable": limit.stable, "unstable": limit.unstable, "runs": limit.runs}
@@ -111,7 +114,9 @@ def _map(options: argparse.Namespace) -> int:
     check_plot(options.plot)
     file = read_map(options.file, fmus=options.fmus)
     with Bar("Limits") as bar:
-        found = limit_map(file.system, file.cases, K=file.K, timeout=file.timeout, progress=bar.update)
+        found = limit_map(
+            file.system, file.cases, K=file.K, timeout=options.timeout or file.timeout, progress=bar.update
+        )
     content = {
         "ultimate": dict(found.ultimate),
         "mean_deviation": found.mean_deviation,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..extras import require
 from .console import Bar, common_arguments, print_note, show, write_files
-from .parser import EXIT_CODES
+from .parser import EXIT_CODES, RUN_LIMIT, timeout_argument
 
 
 def add(commands: Any) -> None:
@@ -34,6 +35,7 @@ def add(commands: Any) -> None:
     )
     sweep.add_argument("--scheduler", metavar="ADDRESS", help="a dask scheduler, such as tcp://host:8786")
     sweep.add_argument("--restart", action="store_true", help="delete the runs that are there and start anew")
+    timeout_argument(sweep, "a run", f"timeout in SWEEP, else {RUN_LIMIT}")
     common_arguments(sweep, _sweep)
 
 
@@ -43,6 +45,7 @@ def _sweep(options: argparse.Namespace) -> int:
 
     require("matplotlib", "the report of a sweep")
     plan = sweeps.read_sweep(options.file, fmus=options.fmus)
+    plan = replace(plan, timeout=options.timeout or plan.timeout)
     with Bar("Runs") as bar:
 
         def advance(progress: sweeps.SweepProgress) -> None:
@@ -75,6 +78,8 @@ def _sweep(options: argparse.Namespace) -> int:
     rows += [("Elapsed", f"{outcome.elapsed:.3g} s"), ("Data set", content["data"]), ("Report", content["report"])]
     show(options, content, [("Sweep", ""), *rows], plan.description or plan.name)
     if runs.spreads and not options.json:
-        ends = [(s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), f"{s.run}") for s in runs.spreads]
-        show(options, {}, [("Figure", "Least", "Median", "Largest", "in run"), *ends], "")
+        ends = [
+            (s.name, *(f"{x:.5g}" for x in (s.least, s.median, s.largest)), s.unit, f"{s.run}") for s in runs.spreads
+        ]
+        show(options, {}, [("Figure", "Least", "Median", "Largest", "Unit", "in run"), *ends], "")
     return 0 if write_files((page, lambda path: write_report(runs))) else 1

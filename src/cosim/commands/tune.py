@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .console import Bar, check_files, common_arguments, print_note, show, write_files
-from .parser import EXIT_CODES, count
+from .parser import EXIT_CODES, RUN_LIMIT, count, timeout_argument
 from .systems import base_argument
 
 
@@ -25,16 +26,18 @@ def add(commands: Any) -> None:
     tune.add_argument("--workers", type=count, default=2, metavar="N", help="threads (default: 2)")
     tune.add_argument("--start", type=Path, metavar="FILE", help="write a system file with the values found")
     base_argument(tune, "the start file", "that of TUNING")
+    timeout_argument(tune, "a run", f"timeout in TUNING, else {RUN_LIMIT}")
     common_arguments(tune, _tune)
 
 
 def _tune(options: argparse.Namespace) -> int:
-    from ..design.plan import variable_of
+    from ..design.plan import figure_units, variable_of
     from ..design.tune import Trial, read_tuning, tune, write_start
     from ..fmu.places import base_name, has_ending
 
     check_files(options.start)
     tuning = read_tuning(options.file, fmus=options.fmus)
+    tuning = replace(tuning, timeout=options.timeout or tuning.timeout)
     base = None
     if options.start is not None:
         system = options.base or tuning.system.folder / tuning.system.name
@@ -57,6 +60,7 @@ def _tune(options: argparse.Namespace) -> int:
         "notes": tuned.notes,
     }
     units = {name: variable_of(tuning.system, name).unit or "" for name in tuned.parameters}
+    units |= figure_units(tuning.system, tuning.metrics)
     values = {**tuned.parameters, **tuned.best.figures}
     rows = [(name, f"{value:.6g}", units.get(name, "")) for name, value in values.items()]
     kept = "all limits kept" if tuned.feasible else f"limits NOT kept, excess {tuned.best.excess:.3g}"

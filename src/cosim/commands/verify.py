@@ -23,7 +23,7 @@ from .console import (
     standard_output,
     write_files,
 )
-from .parser import EXIT_CODES
+from .parser import EXIT_CODES, timeout_argument
 
 if TYPE_CHECKING:
     from ..reference.replay import Replay, Report
@@ -59,9 +59,7 @@ def add(commands: Any) -> None:
         metavar="SHARE",
         help="tolerance as a share of the largest value of a reference, where the FMU states none (default: 1e-3)",
     )
-    parser.add_argument(
-        "--timeout", type=float, default=60.0, metavar="SECONDS", help="end a run that takes longer (default: 60)"
-    )
+    timeout_argument(parser, "a run", "60", kind=float)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw references and replay, one file an FMU")
     parser.add_argument("--json", action="store_true", help="print every signal as JSON, for scripts")
     fmus_argument(parser)
@@ -69,10 +67,11 @@ def add(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from ..reference.replay import verify_all
+    from ..reference.replay import DEFAULT_TIMEOUT, verify_all
 
+    timeout = DEFAULT_TIMEOUT if options.timeout is None else options.timeout
     problems: list[str] = []
-    for name, low in (("tolerance", options.tolerance), ("timeout", options.timeout)):
+    for name, low in (("tolerance", options.tolerance), ("timeout", timeout)):
         if not (math.isfinite(low) and low > 0.0):
             problems.append(f"--{name} {low:g}: give a number above 0.")
     paths: list[Path] = []
@@ -85,15 +84,17 @@ def _run(options: argparse.Namespace) -> int:
         raise DescriptionError(problems)
     check_plot(options.plot)
     reports: list[Report] = []
-    found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=options.timeout)
-    with Bar("Replaying") as bar:
-        for report in found:
-            reports.append(report)
-            bar.update(len(reports), len(paths), report.path.name)
-    if options.json:
-        print_json([_facts(report) for report in reports])
-    else:
-        _show(reports)
+    found = verify_all(paths, interface=options.interface, tolerance=options.tolerance, timeout=timeout)
+    try:
+        with Bar("Replaying") as bar:
+            for report in found:
+                reports.append(report)
+                bar.update(len(reports), len(paths), report.path.name)
+    except KeyboardInterrupt:
+        _print(reports, options)
+        print_note(f"{len(reports)} of {len(paths)} FMUs were replayed.")
+        raise
+    _print(reports, options)
     drawn = write_files(
         *(
             (options.plot, partial(_draw, report, number=len(paths)))
@@ -102,6 +103,13 @@ def _run(options: argparse.Namespace) -> int:
         )
     )
     return max(0 if drawn else 1, *(report.code for report in reports))
+
+
+def _print(reports: Sequence[Report], options: argparse.Namespace) -> None:
+    if options.json:
+        print_json([_facts(report) for report in reports])
+    elif reports:
+        _show(reports)
 
 
 def _paths(text: str, folder: Path | None) -> list[Path]:

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from ..errors import CosimError
+from ..master.failure import ProcessError
 from ..result.result import Result
 from . import workers as work
 from .dataset import RunRow
 from .plan import Metric, Point, Sweep, measure
-from .workers import Limit, Loadable, LoadError, Worker, WorkerError
+from .workers import Limit, Loadable, LoadError, Worker
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def run_batch(
         except LoadError:
             raise
         except CosimError as problem:
-            error, ended = str(problem), not isinstance(problem, WorkerError)
+            error, ended = str(problem), not isinstance(problem, ProcessError)
         seconds = clock_time.perf_counter() - begun if worker is None else worker.seconds
         if ended:
             limit.learn(seconds)

@@ -14,7 +14,7 @@ from typing import Any, cast
 from ..errors import DescriptionError
 from ..extras import import_extra
 from ..files import PART, reason, write_file
-from .plan import Point, Sweep, variable_of
+from .plan import Point, Sweep, figure_units, variable_of
 
 DATA_SET = "the data set of a sweep"
 ABOUT = "sweep.json"
@@ -109,6 +109,7 @@ class DataSet:
             "method": sweep.method,
             "parameters": list(sweep.parameters),
             "units": {path: variable_of(sweep.system, path).unit or "1" for path in sweep.parameters},
+            "figures": figure_units(sweep.system, sweep.metrics),
             "runs": len(sweep.points),
         }
         write_file(self.folder / ABOUT, json.dumps(content, indent=2))

@@ -6,16 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from ..fmu.tables import Number, Positive, Scalar, Seconds, Table, Text
+from ..fmu.tables import Number, Pair, Positive, Scalar, Seconds, Seed, Step, Table, Text, number, whole
 from ..result.metrics import OF_ONE_SIGNAL
 
 MOST_RUNS = 10**6
 """Largest number of runs that a file may ask for. Their rows fit into memory; a larger number is probably a slip."""
 
-Runs = Annotated[int, Field(ge=1, le=MOST_RUNS)]
-Seed = Annotated[int, Field(ge=0)]
+Runs = Annotated[int, Field(ge=1, le=MOST_RUNS), BeforeValidator(whole)]
 
 
 class RangeData(Table):
@@ -75,9 +74,8 @@ class MetricData(Table):
     """``INSTANCE.VARIABLE``. It is recorded for the figure."""
 
 
-Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Figure = Annotated[
-    Annotated[MetricData, Tag("table")] | Annotated[Window, Tag("list")],
+    Annotated[MetricData, Tag("table")] | Annotated[Pair, Tag("list")],
     Discriminator(_list_or_table),
 ]
 """A figure. Under the key ``window``: begin and end in s of the time in which all figures are taken."""
@@ -88,7 +86,7 @@ class ExperimentData(Table):
 
     stop_time: Seconds | None = None
     """End of the run in s. Default: that of the system."""
-    step_size: Seconds | None = None
+    step_size: Step | None = None
     """Communication step in s. Default: that of the system."""
     order: Text | list[Text] | None = None
     """``"sequential"``, ``"parallel"`` or a list of instances. Default: that of the system."""
@@ -152,7 +150,8 @@ class TuningData(RunsData):
         return self
 
 
-Frequencies = Annotated[list[Annotated[Positive, Field(lt=math.pi)]], Field(min_length=1)]
+Frequency = Annotated[float, Field(allow_inf_nan=False, gt=0.0, lt=math.pi), BeforeValidator(number)]
+Frequencies = Annotated[list[Frequency], Field(min_length=1)]
 """Values of omega_n*T_s: a sampled loop has no frequency above pi."""
 
 
@@ -296,7 +295,7 @@ class RecordData(Table):
     """Sampling time in s of a record without a column of time."""
     signals: list[Text] | None = None
     """Tables ``[signals]`` of the system that read this record. Default: all of them."""
-    window: Window | None = None
+    window: Pair | None = None
     """Begin and end in s of the samples that are used. Default: all."""
     period: Positive | None = None
     """Time in s after which the machine repeats itself: its repeatability from lap to lap is then told."""

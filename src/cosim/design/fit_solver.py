@@ -167,7 +167,7 @@ class Solver:
     # the search
 
     def search(self) -> Found:
-        """The best end of the searches from all starting points."""
+        """The best end of the searches from all starting points. Raises SimulationError if all of them failed."""
         random = np.random.default_rng(self.fit.seed)
         ends: list[Found] = []
         try:

@@ -311,7 +311,7 @@ class _Look:
         scaled = A / np.where(empty, 1.0, size)
         if len(u) <= 2 * len(columns):
             why = f"only {len(u)} samples in which the machine slides"
-            return [Value(name, math.nan, math.nan, unit, False, why) for name, _, unit in columns]
+            return [_unexcited(name, unit, why) for name, _, unit in columns]
         solution = np.linalg.lstsq(scaled, u, rcond=None)[0]
         off = u - scaled @ solution
         inverse = np.linalg.pinv(scaled.T @ scaled)
@@ -367,9 +367,7 @@ class _Look:
             if last - first + 1 >= self.size and np.all(slides):
                 peaks.append(float(np.max(np.abs(friction[max(first, begin - self.size) : begin + self.size]))))
         if not peaks:
-            return Value(
-                "break-away friction", math.nan, math.nan, self.unit, False, "the machine never starts from rest"
-            )
+            return _unexcited("break-away friction", self.unit, "the machine never starts from rest")
         spread = float(np.std(peaks)) if len(peaks) > 1 else math.nan
         return Value(
             "break-away friction", float(np.mean(peaks)), spread, self.unit, True, f"{len(peaks)} starts from rest"
@@ -379,7 +377,7 @@ class _Look:
         """Presliding stiffness: slope of friction over position where friction passes 0, as in Dahl's law."""
         per = f"{self.unit}/{self.length}"
         if not math.isfinite(coulomb) or coulomb <= 0.0:
-            return Value("presliding stiffness", math.nan, math.nan, per, False, "the sliding friction is not known")
+            return _unexcited("presliding stiffness", per, "the sliding friction is not known")
         inside = np.abs(friction) < PRESLIDING * coulomb
         edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
         slopes: list[float] = []
@@ -393,9 +391,14 @@ class _Look:
                 slopes.append(float(np.polyfit(x, f, 1)[0]))
         if len(slopes) < 2:
             why = f"in {len(slopes)} of {passes} passes through 0 friction changes slowly enough for the sampling"
-            return Value("presliding stiffness", math.nan, math.nan, per, False, why)
+            return _unexcited("presliding stiffness", per, why)
         why = f"{len(slopes)} of {passes} passes through 0"
         return Value("presliding stiffness", float(np.median(slopes)), float(np.std(slopes)), per, True, why)
+
+
+def _unexcited(name: str, unit: str, why: str) -> Value:
+    """A value that the record does not tell."""
+    return Value(name, math.nan, math.nan, unit, False, why)
 
 
 def _filter(size: int, order: int, step: float) -> Array:

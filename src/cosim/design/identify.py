@@ -36,6 +36,7 @@ from ..system.system import System, read_system
 from ..units import conversion
 from .fit_statistics import fast_noise
 from .names import nctf_names
+from .quantities import gain_factor, si_factor
 
 __dir__ = public_names(globals())
 
@@ -87,6 +88,20 @@ class Nct:
     def nodes(self, count: int = NODES) -> tuple[Array, Array]:
         """The curve with ``count`` nodes: errors in m and rates in m/s, both of shape (count,)."""
         return reduce_nodes(self.error, self.rate, count)
+
+    def start_values(self, controller: str, system: System | None = None) -> dict[str, list[float]]:
+        """The nodes as start values of the instance ``controller``: in its units in ``system``, or else in SI units.
+
+        Raises DescriptionError if the units do not fit.
+        """
+        names = nctf_names().controller
+        values: dict[str, list[float]] = {}
+        for name, units, nodes in zip(
+            (names.nct_error, names.nct_rate), (POSITIONS, VELOCITIES), self.nodes(), strict=True
+        ):
+            path = f"{controller}.{name}"
+            values[path] = (nodes if system is None else nodes / si_factor(system, path, *units)).tolist()
+        return values
 
     def gains(self, omega_n: float, zeta: float) -> tuple[float, float]:
         """K_P and K_I of the PI compensator for a natural frequency in rad/s and a damping ratio."""
@@ -249,7 +264,10 @@ def _coasting(place: Array, rate: Array, end: int) -> tuple[int, int, float]:
 def linear_part(
     error: Array, rate: Array, *, alpha: float | None, e_lin: float | None, spring_back: float
 ) -> tuple[float, float]:
-    """Slope in 1/s and end in m of the linear part of a curve. One of them is given, or the spring-back is the end."""
+    """Slope in 1/s and end in m of the linear part of a curve. One of them is given, or the spring-back is the end.
+
+    ``error`` in m and ``rate`` in m/s have the shape (points,). Raises DescriptionError if it is not on the curve.
+    """
     low, high = float(error[0]), float(error[-1])
     if alpha is not None:
         above = np.flatnonzero(rate >= alpha * error)
@@ -370,21 +388,25 @@ def write_start(
     controller: str | None = None,
     gains: tuple[float, float] | None = None,
     base: str | None = None,
+    system: System | None = None,
 ) -> None:
     """Write a system file that gives ``controller`` the NCT, and both gains if given; it extends the file ``base``.
 
-    Raises FileError.
+    Values are in the units of the controller in ``system``, or in SI units without it. Raises FileError, and
+    DescriptionError if the units do not fit.
     """
-    names = nctf_names().controller
-    instance = controller or names.instance
-    error, rate = nct.nodes()
-    given: dict[str, Any] = {} if gains is None else dict(zip((names.proportional, names.integral), gains, strict=True))
-    given |= {names.nct_error: error.tolist(), names.nct_rate: rate.tolist()}
+    names = nctf_names()
+    instance = controller or names.controller.instance
+    values: dict[str, Any] = {}
+    kinds = {names.controller.proportional: "m/s", names.controller.integral: "m"}
+    for (name, per), gain in () if gains is None else zip(kinds.items(), gains, strict=True):
+        factor = 1.0 if system is None else gain_factor(system, f"{instance}.{name}", names.command, per)
+        values[f"{instance}.{name}"] = gain / factor
+    values |= nct.start_values(instance, system)
     comment = (
         f"NCT of {nct.u_r:g} for {nct.t_r:g} s: alpha = {nct.alpha:.6g} 1/s, e_lin = {nct.e_lin:.6g} m, "
         f"K = {nct.K:.6g} m/s a unit of command."
     )
-    values = {f"{instance}.{name}": value for name, value in given.items()}
     tables.write_start(path, values, base=base, comment=comment, digits=10)
 
 

@@ -35,7 +35,10 @@ DEPENDENT = 1e-12
 
 @dataclass(frozen=True)
 class StateSpace:
-    """Linear model in SI units: der(x) = A*x + B*u, or x[k+1] = A*x[k] + B*u[k] with ``T_s``; y = C*x + D*u."""
+    """Linear model in the units of the FMU's variables.
+
+    der(x) = A*x + B*u, or x[k+1] = A*x[k] + B*u[k] with ``T_s``; y = C*x + D*u.
+    """
 
     A: Array
     B: Array
@@ -175,7 +178,10 @@ def linearized(
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
 ) -> StateSpace:
-    """The state space of an instance at a checkpoint."""
+    """The state space of an instance at a checkpoint.
+
+    Raises DescriptionError for wrong names, CallError if the FMU does not give derivatives.
+    """
     fmu = checkpoint.system.instance(instance).fmu
     rates = {v.derivative_of: v.name for v in fmu.variables.values() if v.derivative_of is not None}
     reals = {name for name, v in fmu.variables.items() if v.type == "Real"}

@@ -18,10 +18,11 @@ from ..fmu.places import shipped_file
 from ..fmu.tables import checked
 from ..fmu.text import read_toml
 from ..fmu.variables import Variable
+from ..master.metadata import result_columns, system_metadata
 from ..result import metrics as figures
 from ..result.metrics import OF_ONE_SIGNAL
 from ..result.result import Result
-from ..result.summary import not_finite, tracking
+from ..result.summary import not_finite, tracking, tracking_units
 from ..system.signals import setting
 from ..system.system import System, read_system
 from ..system.values import start_value
@@ -56,6 +57,17 @@ def measure(result: Result, wanted: Sequence[Metric], window: tuple[float, float
     part = figures.window(result.time, *window)
     time = result.time[part]
     return {metric.name: OF_ONE_SIGNAL[metric.of](time, result[metric.signal][part]) for metric in wanted}
+
+
+def figure_units(system: System, wanted: Sequence[Metric]) -> dict[str, str]:
+    """The unit of each figure that ``measure`` gives of a run of the system, by name."""
+    system = recording(system, wanted)
+    columns, nothing = result_columns(system), np.empty(0)
+    if not wanted:
+        empty = np.empty((0, len(columns)))
+        return tracking_units(Result(nothing, empty, columns, False, (), 0, {}, system_metadata(system)))
+    units = {column.name: column.unit for column in columns}
+    return {m.name: units[m.signal] + ("/s" if m.of == "total_variation" else "") for m in wanted}
 
 
 @dataclass(frozen=True)

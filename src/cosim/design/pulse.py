@@ -41,6 +41,7 @@ from ..public import public_names
 from ..result.metrics import Array
 from ..system.system import System, read_system
 from .names import AxisNames, axis_names
+from .quantities import si_factor
 from .reversals import LEAD_OUT, Axis, AxisRuns, Job, Pulse
 
 __dir__ = public_names(globals())
@@ -144,14 +145,15 @@ def learn_friction_pulse(
     pulse's instance). The smallest amplitude of the coarse search is ``alpha`` times the largest. ``radius`` of the
     circle is in m. ``workers`` processes share the runs of a stage; ``timeout`` in s is the limit for a run.
     ``progress`` gets the stage, the number of runs done and the total. Raises DescriptionError for a wrong system or
-    axis, WorkerError for a run that crashes or hangs.
+    axis, ProcessError for a run that crashes or hangs.
     """
     axis = Axis.named(axis) if isinstance(axis, str) else axis
     system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
     if rise_time is None:
         name = axis.names.pulse.rise_time
         variable = system.variable(axis.pulse, name)
-        rise_time = float(system.instance(axis.pulse).start.get(name, variable.start or 0.0))
+        given = float(system.instance(axis.pulse).start.get(name, variable.start or 0.0))
+        rise_time = si_factor(system, f"{axis.pulse}.{name}", "s") * given
     with AxisRuns(system, axis, radius=radius, workers=workers, timeout=timeout) as runs:
         return _learn(runs, acceleration_max * rise_time, alpha, progress)
 
@@ -225,7 +227,8 @@ def table_costs(runs: AxisRuns, tables: Tables, t_c: Array) -> Array:
 def peak_time(error: Array) -> float:
     """Position of the largest magnitude in samples, from a parabola fitted to the samples of the peak.
 
-    Rounding of the error makes the top flat, so that the largest sample alone is not unique.
+    Rounding of the error makes the top flat, so that the largest sample alone is not unique. Raises DescriptionError
+    for an error without a peak.
     """
     size = np.abs(error)
     top = int(np.argmax(size))
@@ -291,12 +294,16 @@ def monitor(
     *,
     overrides: Mapping[str, object] | None = None,
     radius: float = 0.05,
+    timeout: float | None = None,
     fmus: str | Path | None = None,
 ) -> list[Monitored]:
-    """J with the learned pulses over the learned monitoring times; above the ratio ``RELEARN``, learn again."""
+    """J with the learned pulses over the learned monitoring times; above the ratio ``RELEARN``, learn again.
+
+    ``timeout`` and errors are as in ``learn_friction_pulse``.
+    """
     axis = Axis.named(axis) if isinstance(axis, str) else axis
     system = (source if isinstance(source, System) else read_system(source, fmus=fmus)).changed(overrides)
-    with AxisRuns(system, axis, radius=radius) as runs:
+    with AxisRuns(system, axis, radius=radius, timeout=timeout) as runs:
         found = table_costs(runs, learned.tables, learned.t_c)
     return [
         Monitored(a, float(J), float(nominal))
@@ -346,22 +353,29 @@ def load(path: Path) -> Learned:
 
 
 def write_start(
-    learned: Mapping[str, Learned], path: Path, *, base: str | None = None, names: AxisNames | None = None
+    learned: Mapping[str, Learned],
+    path: Path,
+    *,
+    base: str | None = None,
+    names: AxisNames | None = None,
+    system: System | None = None,
 ) -> None:
     """Write a system file that gives each pulse instance its tables; ``base`` is the file that it extends.
 
-    Raises FileError.
+    The tables are in the units of ``system``, or in SI units without it. Raises FileError; DescriptionError if the
+    units of ``system`` do not fit.
     """
     pulse = (names or axis_names()).pulse
     values: dict[str, Any] = {}
     for instance, result in learned.items():
-        found = {
-            **pulse.table,
-            pulse.table_acceleration: result.tables.acceleration.tolist(),
-            pulse.table_amplitude: result.tables.amplitude.tolist(),
-            pulse.table_duration: result.tables.duration.tolist(),
-        }
-        values |= {f"{instance}.{name}": value for name, value in found.items()}
+        values |= {f"{instance}.{name}": value for name, value in pulse.table.items()}
+        for name, unit, nodes in (
+            (pulse.table_acceleration, "m/s2", result.tables.acceleration),
+            (pulse.table_amplitude, "m/s", result.tables.amplitude),
+            (pulse.table_duration, "s", result.tables.duration),
+        ):
+            factor = 1.0 if system is None else si_factor(system, f"{instance}.{name}", unit)
+            values[f"{instance}.{name}"] = (nodes / factor).tolist()
     tables.write_start(path, values, base=base, digits=9)
 
 

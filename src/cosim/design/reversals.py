@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from ..errors import DescriptionError
+from ..master.failure import ProcessError
 from ..master.simulation import Checkpoint
 from ..result.metrics import Array, rms
 from ..system.system import System, make_system
 from ..system.written import connection_entries
 from .names import AxisNames, axis_names
-from .workers import Limit, Loadable, Pool, Worker, WorkerError, check_workers, simulation_of
+from .quantities import quotient_factor, si_factors
+from .workers import Limit, Loadable, Pool, Worker, check_workers, simulation_of
 
 LEAD_IN, LEAD_OUT = 0.6, 0.5
 """Time in s before the reversal at which a run starts, and time after it within which the error has its peak."""
@@ -57,13 +59,43 @@ class Axis:
             raise DescriptionError(f"position '{position}': write plant.VARIABLE or controller.VARIABLE.")
         return [f"{self.trajectory}.{self.names.trajectory.reference}", f"{instances[role]}.{variable}"]
 
-    def one_pulse(self, amplitude: float, duration: float) -> dict[str, object]:
+    @property
+    def units(self) -> dict[str, str]:
+        """The SI unit of each variable that the learning reads or sets, by INSTANCE.VARIABLE."""
+        reference, position = self.recorded
+        trajectory, pulse, plant = self.names.trajectory, self.names.pulse, self.names.plant
+        return {
+            reference: "m",
+            position: "m",
+            f"{self.trajectory}.{trajectory.radius}": "m",
+            f"{self.trajectory}.{trajectory.feed}": "m/s",
+            f"{self.trajectory}.{trajectory.phase}": "rad",
+            f"{self.plant}.{plant.position_start}": "m",
+            f"{self.plant}.{plant.velocity_start}": "m/s",
+            f"{self.pulse}.{pulse.amplitude}": "m/s",
+            f"{self.pulse}.{pulse.duration}": "s",
+            f"{self.pulse}.{pulse.rise_time}": "s",
+            f"{self.pulse}.{pulse.table_acceleration}": "m/s2",
+            f"{self.pulse}.{pulse.table_amplitude}": "m/s",
+            f"{self.pulse}.{pulse.table_duration}": "s",
+        }
+
+    def one_pulse(self, amplitude: float, duration: float) -> dict[str, float]:
         """Values of the source of pulses for one pulse; ``amplitude`` in m/s, ``duration`` in s."""
         names = self.names.pulse
         return {f"{self.pulse}.{names.amplitude}": amplitude, f"{self.pulse}.{names.duration}": duration}
 
-    def circle(self, radius: float, acceleration: float) -> dict[str, object]:
-        """Start values for a run that begins ``LEAD_IN`` before a reversal, on a circle at constant speed.
+    @property
+    def begin(self) -> dict[str, object]:
+        """Start values, as the names give them, for a circle at constant speed with steady friction."""
+        trajectory, plant = self.names.trajectory, self.names.plant
+        return {
+            **{f"{self.trajectory}.{name}": value for name, value in trajectory.start.items()},
+            **{f"{self.plant}.{name}": value for name, value in plant.start.items()},
+        }
+
+    def circle(self, radius: float, acceleration: float) -> dict[str, float]:
+        """Start values in SI units for a run that begins ``LEAD_IN`` before a reversal, on a circle at constant speed.
 
         ``radius`` is in m, the reverse ``acceleration`` in m/s2.
         """
@@ -71,11 +103,9 @@ class Axis:
         rate = math.sqrt(acceleration / radius)  # rad/s on the circle
         angle = math.pi - rate * LEAD_IN
         return {
-            **{f"{self.trajectory}.{name}": value for name, value in trajectory.start.items()},
             f"{self.trajectory}.{trajectory.radius}": radius,
             f"{self.trajectory}.{trajectory.feed}": rate * radius,
             f"{self.trajectory}.{trajectory.phase}": angle,
-            **{f"{self.plant}.{name}": value for name, value in plant.start.items()},
             f"{self.plant}.{plant.position_start}": radius * math.cos(angle),
             f"{self.plant}.{plant.velocity_start}": -radius * rate * math.sin(angle),
         }
@@ -120,6 +150,27 @@ class Reversals:
     system: Loadable
     axis: Axis
     radius: float
+    """In m."""
+    factors: Mapping[str, float]
+    """Factor to SI units of each variable that has an SI unit in ``Axis.units``."""
+    friction: float
+    """Factor from friction divided by lead to the start of the integrator, each in its own unit."""
+
+    @classmethod
+    def of(cls, system: System, axis: Axis, radius: float) -> Reversals:
+        """The data for a system. Raises DescriptionError for variables whose units do not fit."""
+        plant, controller = axis.names.plant, axis.names.controller
+        friction = quotient_factor(
+            system,
+            f"{axis.plant}.{plant.friction}",
+            f"{axis.controller}.{controller.lead}",
+            f"{axis.controller}.{controller.integral_start}",
+        )
+        return cls(Loadable.of(system), axis, radius, si_factors(system, axis.units), friction)
+
+    def in_units(self, values: Mapping[str, float]) -> dict[str, object]:
+        """Values in SI units as values in the units of their variables."""
+        return {path: value / self.factors[path] for path, value in values.items()}
 
 
 def reversal_errors(given: Reversals, job: Job) -> list[Array]:
@@ -131,9 +182,11 @@ def reversal_errors(given: Reversals, job: Job) -> list[Array]:
     # The run stops at the communication point after a whole number of samples.
     stop = checkpoint.time + max(1, round(seconds / step)) * step
     found: list[Array] = []
+    reference, position = (given.factors[name] for name in axis.recorded)
     for amplitude, duration in pulses:
-        result = simulation.resume(checkpoint, axis.one_pulse(amplitude, duration), stop_time=stop)
-        found.append(result.rows[:, 0] - result.rows[:, 1])
+        values = given.in_units(axis.one_pulse(amplitude, duration))
+        result = simulation.resume(checkpoint, values, stop_time=stop)
+        found.append(reference * result.rows[:, 0] - position * result.rows[:, 1])
     return found
 
 
@@ -147,10 +200,12 @@ def reversal(given: Reversals, acceleration: float) -> Checkpoint:
     key = id(simulation), given.radius, acceleration
     if key not in _checkpoints:
         plant, controller = axis.names.plant, axis.names.controller
-        system = simulation.system.changed(axis.circle(given.radius, acceleration))
+        start = {**axis.begin, **given.in_units(axis.circle(given.radius, acceleration))}
+        system = simulation.system.changed(start)
         # The integrator of the controller starts at the friction that the plant has at the start.
         begin = simulation.pause(float(system.start_time), system)
-        friction = simulation.value(axis.plant, plant.friction) / simulation.value(axis.controller, controller.lead)
+        torque, lead = simulation.value(axis.plant, plant.friction), simulation.value(axis.controller, controller.lead)
+        friction = given.friction * torque / lead
         simulation.release(begin)
         system = system.changed({f"{axis.controller}.{controller.integral_start}": friction})
         _checkpoints[key] = simulation.pause(float(system.start_time) + LEAD_IN, system)
@@ -170,7 +225,7 @@ class AxisRuns:
         names = axis.names.pulse
         single = {f"{axis.pulse}.{name}": value for name, value in names.single.items()}
         self.system = axis_system(system, axis).changed(single)
-        self.given = Reversals(Loadable.of(self.system), axis, radius)
+        self.given = Reversals.of(self.system, axis, radius)
         self.T_s = float(self.system.step_size)
         self.count = 0
         self._longest = Limit(timeout)
@@ -185,7 +240,7 @@ class AxisRuns:
     def errors(self, jobs: Sequence[Job]) -> list[list[Array]]:
         """Position errors in m after the reversal, one array for each pulse of each job.
 
-        Raises WorkerError if a run crashes or takes too long.
+        Raises ProcessError if a run crashes or takes too long.
         """
         found = self._pool.map(self._errors, jobs)
         self.count += sum(len(pulses) for _, pulses, _ in jobs)
@@ -199,12 +254,10 @@ class AxisRuns:
         """The errors of a job; its time limit is that of its runs and of one more run up to the reversal."""
         acceleration, pulses, _ = job
         count = len(pulses) + 1
-        limit = Limit(self._longest.seconds * count)
+        limit = Limit(self._longest.seconds * count, f"{count} runs")
         try:
             found = worker.run(self.given.system, reversal_errors, self.given, job, limit=limit)
-        except WorkerError as error:
-            raise WorkerError(
-                f"{self.system.name} at the reversal of {acceleration:g} m/s2, {count} runs: {error}"
-            ) from None
+        except ProcessError as error:
+            raise error.of(f"{self.system.name} at the reversal of {acceleration:g} m/s2") from None
         self._longest.learn(worker.seconds / count)
         return found

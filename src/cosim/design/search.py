@@ -46,7 +46,8 @@ def oscillation(time: Array, signal: Array, *, swing: float = SWING) -> Oscillat
 
     The linear trend of each quarter is removed. The signal oscillates if the peak-to-peak value of the last quarter is
     above ``swing`` and at least 0.8 times that of the quarter before, and if the last quarter crosses zero 8 times. The
-    third condition excludes a slow creep. ``time`` is in s, ``swing`` in the unit of the signal.
+    third condition excludes a slow creep. ``time`` is in s, ``swing`` in the unit of the signal; both signals have the
+    shape (samples,). Raises DescriptionError for fewer than 64 samples.
     """
     quarter = time.size // 4
     if quarter < 16:

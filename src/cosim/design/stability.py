@@ -33,18 +33,20 @@ from numpy.typing import NDArray
 from ..errors import CosimError, DescriptionError
 from ..fmu.places import shipped_file
 from ..fmu.tables import read_table
+from ..master.failure import ProcessError
 from ..master.simulation import Simulation
 from ..public import public_names
 from ..result.metrics import Array
 from ..result.result import Result
 from ..system.system import System, read_system
 from .documents import MapData
-from .identify import identify_nct
+from .identify import POSITIONS, identify_nct
 from .linearize import StateSpace
 from .names import nctf_names
+from .quantities import gain_factor, si_factor
 from .search import SWING, Limit, Oscillation, oscillation, search_limit
 from .workers import Limit as Timeout
-from .workers import Loadable, Worker, WorkerError
+from .workers import Loadable, Worker
 
 __dir__ = public_names(globals())
 
@@ -58,7 +60,10 @@ _log = logging.getLogger(__name__)
 
 
 def jury_stable(coefficients: Sequence[float] | Array) -> bool:
-    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test)."""
+    """Whether all roots of a polynomial, highest power first, lie inside the unit circle (Jury's test).
+
+    Raises DescriptionError if the highest coefficient is 0.
+    """
     row = np.asarray(coefficients, dtype=np.float64)
     if row.size == 0 or row[0] == 0.0:
         raise DescriptionError("the highest coefficient is 0.")
@@ -167,7 +172,8 @@ def nctf_spectral_radius(
 def linear_gain_limit(plant: StateSpace, *, alpha: float, T_s: float, K_I: float = 0.0, delay: int = 0) -> float:
     """Largest stable K_P of NCTF control on a linear plant (see ``nctf_spectral_radius``).
 
-    With K_I = 0 the eigenvalue 1 of the unused integrator does not count.
+    With K_I = 0 the eigenvalue 1 of the unused integrator does not count. Raises DescriptionError if no K_P from 1e-6
+    to 1e6 is stable.
     """
     bound = 1.0 + 1e-9
 
@@ -203,11 +209,12 @@ def practical_limit(
     ``overrides`` are start values of all runs, ``stop_time`` is their end in s (None: that of the system), ``timeout``
     the time limit of a run in s, ``swing`` the smallest oscillation in m. Names are INSTANCE.VARIABLE (default: those
     of the study). A ``Simulation`` is run with the FMUs that it has loaded. Raises DescriptionError for wrong names or
-    values, SimulationError for a run that fails, WorkerError for a run that crashes or hangs.
+    values, SimulationError for a run that fails, ProcessError for a run that crashes or hangs.
     """
     names = nctf_names()
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
     if isinstance(source, Simulation):
+        swing /= si_factor(source.system, position, *POSITIONS)
         variant = source.system.changed(overrides)
         simulation = source
         return search_limit(
@@ -215,9 +222,18 @@ def practical_limit(
         )
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
-    with Worker() as worker:
+    swing /= si_factor(system, position, *POSITIONS)
+    tried: dict[float, bool] = {}
+
+    def found() -> list[str]:
+        rest, swinging = ([value for value, swings in tried.items() if swings is each] for each in (False, True))
+        told = [f"comes to rest at {gain} = {max(rest):.6g}"] if rest else []
+        return [*told, f"oscillates at {min(swinging):.6g}"] if swinging else told
+
+    with Worker() as worker, _told_if_ended(found):
         trials = _Trials(system.changed(overrides), worker, Timeout(timeout), gain, position, swing)
-        return search_limit(trials.oscillates({}), first, last)
+        oscillates = trials.oscillates({})
+        return search_limit(lambda value: tried.setdefault(value, oscillates(value)), first, last)
 
 
 @dataclass(frozen=True)
@@ -239,8 +255,8 @@ class _Trials:
         def found(value: float) -> bool:
             try:
                 result = self.worker.evaluate(loadable, {**changes, self.gain: value}, look, self.limit)
-            except WorkerError as error:
-                raise WorkerError(f"{self.system.name} at {self.gain} = {value:g}: {error}") from None
+            except ProcessError as error:
+                raise error.of(f"{self.system.name} at {self.gain} = {value:g}") from None
             self.limit.learn(self.worker.seconds)
             return result.sustained
 
@@ -328,7 +344,7 @@ def limit_map(
 
     ``K`` in m/s for a unit of command is the constant of the gain formulas. The scan of a loop begins at
     ``start_share`` of the case's ultimate gain. ``progress`` gets the number of searches done and the total. Names,
-    ``timeout`` and errors are as in ``practical_limit``.
+    ``timeout`` and errors are as in ``practical_limit``. Raises DescriptionError, too, for a case without such a limit.
     """
     names = nctf_names()
     gain = gain or names.of_controller(names.controller.proportional)
@@ -337,14 +353,22 @@ def limit_map(
     position = position or names.position
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
+    swing /= si_factor(system, position, *POSITIONS)
     name, _, variable = sampling.partition(".")
     given = system.instance(name).start.get(variable, system.variable(name, variable).start)
-    T_s = float(given if given is not None else system.step_size)
+    T_s = float(system.step_size) if given is None else si_factor(system, sampling, "s") * float(given)
+    # The formulas take gains of a position in m.
+    per_metre = gain_factor(system, gain, names.command, "m/s")
     ultimate: dict[str, float] = {}
     points: list[MapPoint] = []
     runs, total = 0, sum(1 + len(case.W) for case in cases)
-    integrals = _integral_gains(system, cases, integral, T_s, K)
-    with Worker() as worker, _told_if_ended(ultimate, points):
+    integrals = _integral_gains(system, cases, integral, T_s, K * gain_factor(system, integral, names.command, "m"))
+
+    def found() -> list[str]:
+        told = [f"ultimate gain of {case} {value:.6g}" for case, value in ultimate.items()]
+        return told + [f"damping ratio of {point.case} at W = {point.W:g} {point.found:.4g}" for point in points]
+
+    with Worker() as worker, _told_if_ended(found):
         trials = _Trials(system, worker, Timeout(timeout), gain, position, swing)
         for case in cases:
             unstable = trials.oscillates({**case.overrides, integral: 0.0})
@@ -359,7 +383,7 @@ def limit_map(
                 first = start_share * limit.value
                 searched = search_limit(unstable, first, 4.0 * limit.value)
                 runs += searched.runs
-                points.append(_map_point(case, w, limit.value, first, searched, K=K, T_s=T_s))
+                points.append(_map_point(case, w, limit.value, first, searched, K=per_metre * K, T_s=T_s))
                 progress(len(ultimate) + len(points), total)
     return LimitMap(ultimate, tuple(points), runs)
 
@@ -377,14 +401,12 @@ def _map_point(
 
 
 @contextlib.contextmanager
-def _told_if_ended(ultimate: Mapping[str, float], points: Sequence[MapPoint]) -> Generator[None]:
-    """Log what was found so far if the search of the limits ends early."""
+def _told_if_ended(found: Callable[[], Sequence[str]]) -> Generator[None]:
+    """Log what was found so far if the search of limits ends early."""
     try:
         yield
     except (KeyboardInterrupt, CosimError):
-        told = [f"ultimate gain of {case} {value:.6g}" for case, value in ultimate.items()]
-        told += [f"damping ratio of {point.case} at W = {point.W:g} {point.found:.4g}" for point in points]
-        if told:
+        if told := found():
             _log.warning("ended early. Found so far: %s", "; ".join(told))
         raise
 
@@ -453,8 +475,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
         alpha = case.alpha or data.alpha
         overrides: dict[str, object] = {**data.overrides, **case.overrides}
         if case.nct and data.pulse is not None:
-            error, rate = identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).nodes()
-            overrides |= {f"{controller}.{names.nct_error}": list(error), f"{controller}.{names.nct_rate}": list(rate)}
+            overrides |= identify_nct(path.parent / data.pulse, alpha=alpha, fmus=fmus).start_values(controller, system)
         cases.append(Case(name, overrides, case.W or data.W, alpha, case.first))
     return MapFile(data.description, system, tuple(cases), data.K, data.timeout)
 

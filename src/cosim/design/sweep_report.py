@@ -51,19 +51,22 @@ def write_report(runs: Runs) -> Path:
         "",
     ]
     if spreads:
-        lines += ["| figure | least | median | largest | in run |", "|" + "---|" * 5]
+        lines += ["| figure | unit | least | median | largest | in run |", "|" + "---|" * 6]
         for spread in spreads:
             ends = " | ".join(f"{value:.6g}" for value in (spread.least, spread.median, spread.largest))
-            lines.append(f"| {spread.name} | {ends} | {spread.run} |")
+            lines.append(f"| {spread.name} | {spread.unit} | {ends} | {spread.run} |")
         lines.append("")
-    for name in (spread.name for spread in spreads):
+    for name, unit in ((spread.name, spread.unit) for spread in spreads):
         values = _values(columns[name])
         finite = np.isfinite(values)
         picture = folder / f"{name.replace('.', '_')}.png"
-        _draw(picture, name, values, {path: columns[path] for path in parameters}, about["units"])
+        _draw(picture, _labelled(name, unit), values, {path: columns[path] for path in parameters}, about["units"])
         lines += [f"## {name}", "", f"![{name}]({picture.name})", ""]
         order = [int(i) for i in np.argsort(np.where(finite, values, np.inf))[:SHOWN] if finite[i]]
-        lines += ["| run | " + " | ".join(parameters) + f" | {name} |", "|" + "---|" * (len(parameters) + 2)]
+        lines += [
+            "| run | " + " | ".join(parameters) + f" | {_labelled(name, unit)} |",
+            "|" + "---|" * (len(parameters) + 2),
+        ]
         for i in order:
             given = " | ".join(_shown(columns[path][i]) for path in parameters)
             lines.append(f"| {columns['run'][i]} | {given} | {values[i]:.6g} |")
@@ -82,6 +85,8 @@ class Spread:
     """How a figure is spread over the runs of a data set that did not fail."""
 
     name: str
+    unit: str
+    """"" if the data set does not say it."""
     least: float
     median: float
     largest: float
@@ -100,7 +105,7 @@ class Runs:
     @cached_property
     def spreads(self) -> list[Spread]:
         """The spread of every figure."""
-        return _spreads(self.columns, self.about["parameters"])
+        return _spreads(self.columns, self.about["parameters"], self.about.get("figures", {}))
 
 
 def read_runs(folder: Path) -> Runs:
@@ -120,7 +125,7 @@ def _values(column: list[Any]) -> Array:
     return np.array([math.nan if value is None else value for value in column])
 
 
-def _spreads(columns: Mapping[str, list[Any]], parameters: Sequence[str]) -> list[Spread]:
+def _spreads(columns: Mapping[str, list[Any]], parameters: Sequence[str], units: Mapping[str, str]) -> list[Spread]:
     found: list[Spread] = []
     for name in columns:
         if name in RUN_COLUMNS or name in parameters:
@@ -129,8 +134,13 @@ def _spreads(columns: Mapping[str, list[Any]], parameters: Sequence[str]) -> lis
         finite = values[np.isfinite(values)]
         if finite.size:
             run = columns["run"][int(np.argmax(np.where(np.isfinite(values), values, -np.inf)))]
-            found.append(Spread(name, float(finite.min()), float(np.median(finite)), float(finite.max()), run))
+            ends = float(finite.min()), float(np.median(finite)), float(finite.max())
+            found.append(Spread(name, units.get(name, ""), *ends, run))
     return found
+
+
+def _labelled(name: str, unit: str) -> str:
+    return name if unit in ("", "1") else f"{name} [{typeset(unit)}]"
 
 
 def _shown(value: Any) -> str:
@@ -158,9 +168,6 @@ def _draw(picture: Path, name: str, values: Array, given: Mapping[str, list[Any]
     axes_of = {path: _numbers(given[path]) for path in varied}
     pairs = list(itertools.combinations(varied, 2))[:MAX_PAIRS]
 
-    def label(path: str) -> str:
-        return f"{path} [{typeset(units[path])}]" if units[path] != "1" else path
-
     def scale(axes: Axes, path: str, which: str) -> None:
         numbers, labels = axes_of[path]
         if labels is not None:
@@ -168,7 +175,7 @@ def _draw(picture: Path, name: str, values: Array, given: Mapping[str, list[Any]
             (axes.set_xticks if which == "x" else axes.set_yticks)(ticks, labels)
         elif _is_log(numbers):
             (axes.set_xscale if which == "x" else axes.set_yscale)("log")
-        (axes.set_xlabel if which == "x" else axes.set_ylabel)(label(path))
+        (axes.set_xlabel if which == "x" else axes.set_ylabel)(_labelled(path, units[path]))
 
     def draw(figure: Figure) -> None:
         if not pairs:

@@ -28,9 +28,11 @@ from typing import Any, BinaryIO, Self, TypeVar, cast
 
 from ..errors import CosimError, DescriptionError, FileError, SimulationError
 from ..files import reason, temporary_folder, temporary_variables
+from ..master.board import Board, mapped
 from ..master.child import Channel, high, sent
-from ..master.process import FmuProcess, signal_text
-from ..master.signals import ENDING
+from ..master.failure import ProcessError, process_error
+from ..master.interrupts import ENDING
+from ..master.process import FmuProcess, shared_memory
 from ..master.simulation import Simulation
 from ..result.result import Result
 from ..system.system import System, make_system
@@ -66,14 +68,6 @@ def check_workers(count: int, least: int = 1) -> None:
         raise DescriptionError(f"workers: {count} is not a number of processes. Give 1 or more{unprotected}.")
 
 
-class WorkerError(CosimError):
-    """The process of a call crashed, was ended by an FMU, or took too long; the worker starts another one."""
-
-
-class WorkerKilled(WorkerError):
-    """The process of a call was killed from outside, perhaps because the memory was used up."""
-
-
 class LoadError(CosimError):
     """The FMUs of a system cannot be loaded, whatever the parameters are."""
 
@@ -81,8 +75,9 @@ class LoadError(CosimError):
 class Limit:
     """The time limit of a run: the given one, or one computed from the times of the runs so far."""
 
-    def __init__(self, given: float | None = None) -> None:
+    def __init__(self, given: float | None = None, of: str = "a run") -> None:
         self.given = given
+        self.of = of
         self.longest = math.nan
 
     def learn(self, seconds: float) -> None:
@@ -100,11 +95,9 @@ class Limit:
         return max(LEAST_SECONDS, LONGEST_TIMES * self.longest)
 
     def __str__(self) -> str:
-        if self.given is not None:
-            return f"{self.given:g} s"
-        if math.isnan(self.longest):
-            return f"{UNKNOWN_SECONDS:g} s; timeout sets another one"
-        return f"{self.seconds:.3g} s; the longest run so far took {self.longest:.3g} s; timeout sets another limit"
+        text = f"when {self.seconds:.6g} s had passed, the limit for {self.of}"
+        longest = "" if math.isnan(self.longest) else f"the longest so far took {self.longest:.3g} s; "
+        return text if self.given is not None else f"{text} ({longest}timeout sets another)"
 
 
 # ---- in the process that does the runs ----
@@ -174,8 +167,8 @@ def unload() -> None:
 atexit.register(unload)
 
 
-def load(loadable: Loadable) -> None:
-    """Load the FMUs of a system, so that the time of the first run does not include loading."""
+def load(loadable: Loadable, *uses: object) -> None:
+    """Load the FMUs of a system, and the modules that ``uses`` need, so that this time is no part of the first run."""
     simulation_of(loadable)
 
 
@@ -189,8 +182,12 @@ def evaluate(loadable: Loadable, changes: Mapping[str, object], judge: Callable[
         raise
 
 
-def serve() -> None:
-    """The main program of a worker: calls come in on standard input, answers go out on standard output."""
+def serve(memory: Path) -> None:
+    """The main program of a worker: calls come on standard input, answers go to standard output, FMI calls to a board.
+
+    ``memory`` is the file of the board.
+    """
+    Board.show(mapped(memory))
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     asked = open(high(0), "rb")  # noqa: SIM115 (open to the end of the process)
@@ -261,9 +258,9 @@ def _surroundings() -> tuple[object, ...]:
 
 _PROGRAM = (
     "import pickle, sys\n"
-    "sys.path[:] = pickle.load(sys.stdin.buffer.raw)\n"
+    "sys.path[:], memory = pickle.load(sys.stdin.buffer.raw)\n"
     "from cosim.design.workers import serve\n"
-    "serve()\n"
+    "serve(memory)\n"
 )
 
 
@@ -272,11 +269,14 @@ class Worker:
 
     def __init__(self) -> None:
         self._process: FmuProcess | None = None
+        self._board: Board | None = None
         self._calls: BinaryIO | None = None
         self._answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
         self._folder = contextlib.ExitStack()
         self._ready = ""
         self._stopped = False
+        self._killed = False
+        """Whether the last process was killed from outside, perhaps because the memory was used up."""
         self.seconds = 0.0
         """Time of the last call in s, up to its end or its failure."""
 
@@ -291,7 +291,7 @@ class Worker:
     ) -> T:
         """``evaluate`` in the worker's process.
 
-        Raises the errors of ``evaluate``, WorkerError for a run that crashes or takes too long, and LoadError.
+        Raises the errors of ``evaluate``, ProcessError for a run that crashes or takes too long, and LoadError.
         """
         return self.run(loadable, evaluate, loadable, changes, judge, limit=limit)
 
@@ -300,36 +300,41 @@ class Worker:
 
         Raises the errors of ``call``, and LoadError.
         """
-        for _ in range(KILLS - 1):
-            with contextlib.suppress(WorkerKilled):
-                self.prepare(loadable, limit.given)
+        kills = 0
+        while True:
+            try:
+                self.prepare(loadable, limit.given, *arguments)
                 return self.call(function, *arguments, limit=limit)
-        self.prepare(loadable, limit.given)
-        return self.call(function, *arguments, limit=limit)
+            except ProcessError as error:
+                kills += self._killed
+                if not self._killed or kills == KILLS:
+                    raise error.of(f"killed {KILLS} times") if self._killed else error from None
 
-    def prepare(self, loadable: Loadable, given: float | None) -> None:
-        """Load the system in the worker's process. Raises LoadError.
+    def prepare(self, loadable: Loadable, given: float | None, *uses: object) -> None:
+        """Load the system, and the modules that ``uses`` need, in the worker's process. Raises LoadError.
 
         ``given`` is the time limit of a run in s, if the user gave one. Loading may take longer than a short run.
         """
         if self._ready == loadable.digest and self._process is not None and not self._process.ended():
             return
         try:
-            self.call(load, loadable, limit=Limit(UNKNOWN_SECONDS if given is None else max(given, LEAST_SECONDS)))
-        except WorkerKilled:
-            raise
-        except WorkerError as error:
+            most = UNKNOWN_SECONDS if given is None else max(given, LEAST_SECONDS)
+            self.call(load, loadable, *uses, limit=Limit(most, "loading"))
+        except ProcessError as error:
+            if self._killed:
+                raise
             raise LoadError(f"{loadable.name}: loading the FMUs: {error}") from None
         self._ready = loadable.digest
 
     def call(self, function: Callable[..., Any], *arguments: Any, limit: Limit) -> Any:
         """The value of ``function``, called in the worker's process; it must be a function of a module.
 
-        Raises the CosimError that the function raises, or WorkerError if the process crashes or takes too long.
+        Raises the CosimError that the function raises, or ProcessError if the process crashes or takes too long.
         """
         process = self._started()
         assert self._calls is not None
-        begun = clock_time.perf_counter()
+        assert self._board is not None
+        self._killed, begun = False, clock_time.perf_counter()
         with contextlib.suppress(OSError):
             # If the process is gone, the end of its answers shows it below.
             pickle.dump((function, arguments), self._calls)
@@ -346,8 +351,9 @@ class Worker:
                     self.close()
                 return _opened(answer)
             if self.seconds > limit.seconds:
+                error = process_error(self._board, None, limit=str(limit))
                 self.close()
-                raise WorkerError(f"the run did not end within {limit}.")
+                raise error
             if process.ended():
                 # The last answer of the process may still arrive.
                 with contextlib.suppress(queue.Empty):
@@ -372,11 +378,13 @@ class Worker:
 
     def _started(self) -> FmuProcess:
         if self._stopped:
-            raise WorkerError("the work was ended.")
+            raise SimulationError("the work was ended.")
         if self._process is not None and not self._process.ended():
             return self._process
         self.close()
         folder = self._folder.enter_context(temporary_folder())
+        memory, path = self._folder.enter_context(shared_memory(folder, Board.size(), shared_file=True))
+        self._board = Board(memoryview(memory))
         pipe = subprocess.PIPE
         try:
             popen = subprocess.Popen(
@@ -393,7 +401,7 @@ class Worker:
             raise FileError(f"a process for runs cannot be started: {reason(error)}.") from None
         calls, answers = cast(BinaryIO, popen.stdin), cast(BinaryIO, popen.stdout)
         with contextlib.suppress(OSError):
-            pickle.dump(sys.path, calls)
+            pickle.dump((sys.path, path), calls)
             calls.flush()
         self._calls, self._answers = calls, queue.SimpleQueue()
         reader = threading.Thread(target=_read, args=(answers, self._answers), daemon=True)
@@ -404,23 +412,16 @@ class Worker:
             self.close()
         return process
 
-    def _end(self, process: FmuProcess) -> WorkerError:
+    def _end(self, process: FmuProcess) -> ProcessError:
         """The error that says how the process ended."""
         deadline = clock_time.perf_counter() + END_SECONDS
         while not process.ended() and clock_time.perf_counter() < deadline:
             clock_time.sleep(1e-3)
-        code = process.code
+        assert self._board is not None
+        self._killed = hasattr(signal, "SIGKILL") and process.code == -signal.SIGKILL
+        error = process_error(self._board, process.code)
         self.close()
-        if code is None:
-            return WorkerError("an FMU closed or damaged the connection of its process.")
-        if hasattr(signal, "SIGKILL") and code == -signal.SIGKILL:
-            return WorkerKilled(f"the process of the FMUs was killed {KILLS} times: {signal_text(-code)}.")
-        if code < 0:
-            return WorkerError(f"the process of the FMUs crashed: {signal_text(-code)}.")
-        if code >= 0xC0000000:
-            # On Windows the exit code of a crashed process is the number of the exception.
-            return WorkerError(f"the process of the FMUs crashed with exception 0x{code:08X}.")
-        return WorkerError(f"an FMU ended its process with exit code {code}.")
+        return error
 
 
 def _read(file: BinaryIO, answers: queue.SimpleQueue[Answer | None]) -> None:

@@ -222,7 +222,7 @@ def _mod(x: Any, y: Any) -> Any:
 
 
 def expression(value: object) -> Any:
-    """The CasADi expression of a symbol or a plain number."""
+    """The CasADi expression of a symbol or a plain number. Raises TraceError for anything else, and for NaN."""
     if isinstance(value, Symbol):
         return value.expression
     if isinstance(value, bool | int | float):

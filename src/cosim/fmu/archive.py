@@ -48,16 +48,19 @@ def opened(path: Path, content: bytes | None = None) -> Generator[zipfile.ZipFil
 def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True) -> list[zipfile.ZipInfo]:
     """The members of an archive, after a check that none can write outside the folder or fill the disk.
 
-    Some Windows programs divide the names of members with backslashes. These become slashes in the archive.
-    Raises DescriptionError for a member that could. Also raises it if two members have the same name but different
-    content, and ``single`` selects this name.
+    Names in the archive become plain (``_plain``). Raises DescriptionError for a member that could, and for
+    a file whose name is that of a folder. Also raises it if two members have the same name but different content, and
+    ``single`` selects this name.
     """
     members = archive.infolist()
     source = Path(str(archive.filename)).name
     problems: list[str] = []
     seen: set[str] = set()
     for member in members:
-        member.filename = name = member.orig_filename.replace("\\", "/")
+        member.filename = _plain(member.orig_filename)
+    folders = {str(parent) for member in members for parent in PurePosixPath(member.filename).parents}
+    for member in members:
+        name = member.filename
         path = PurePosixPath(name)
         said = f"{source}: archive member {member.orig_filename!r}"
         if ":" in name or "\0" in name:
@@ -68,6 +71,8 @@ def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True
             problems.append(f"{said} is a symbolic link. Refused.")
         elif name in seen and single(name) and _differ(name, members):
             problems.append(f"{said} is there twice, with different content. Refused.")
+        elif name in folders:
+            problems.append(f"{said} is a file, but other members lie in a folder of this name. Refused.")
         if member.flag_bits & 1:
             problems.append(f"{said} is encrypted. Refused.")
         if member.file_size > MAX_MEMBER_BYTES:
@@ -87,6 +92,14 @@ def checked_members(archive: zipfile.ZipFile, single: Choice = lambda name: True
     if problems:
         raise DescriptionError(shortened(problems))
     return members
+
+
+def _plain(name: str) -> str:
+    """A member's name with slashes only (some Windows programs write backslashes) and without empty parts and dots."""
+    slashed = name.replace("\\", "/")
+    parts = [part for part in slashed.split("/") if part not in ("", ".")]
+    root, end = "/" * slashed.startswith("/"), "/" * slashed.endswith("/")
+    return f"{root}{'/'.join(parts)}{end}" if parts else "./"
 
 
 def repeated(members: Sequence[zipfile.ZipInfo]) -> list[str]:

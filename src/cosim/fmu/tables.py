@@ -6,6 +6,7 @@ A model is a pydantic class. A problem names the file, the key, what is wrong an
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -17,7 +18,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from ..errors import DescriptionError, clipped, suggest
 from ..files import write_file
-from .text import read_toml
+from .text import FRACTION, read_toml
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -32,7 +33,8 @@ class Table(BaseModel):
     """An example of such a table, shown when something is missing."""
 
 
-def _number(value: object) -> float:
+def number(value: object) -> float:
+    """A number of a file as a float; a validator that goes behind the bounds of the number."""
     if isinstance(value, bool) or not isinstance(value, int | float | Decimal):
         raise PydanticCustomError("not_a_number", "must be a number, not {value}", {"value": _shown(value)})
     try:
@@ -41,25 +43,50 @@ def _number(value: object) -> float:
         return math.inf
 
 
-def _scalar(value: object) -> bool | float | str:
-    return value if isinstance(value, bool | str) else _number(value)
-
-
-def _seconds(value: object) -> Any:
-    if isinstance(value, str):
-        return value
-    _number(value)
+def whole(value: object) -> Any:
+    """``2.0`` as ``2``, which JSON Schema calls an integer, too; any other value as it is."""
+    if isinstance(value, float | Decimal) and math.isfinite(float(value)) and value == int(value):
+        return int(value)
     return value
 
 
+def _scalar(value: object) -> bool | float | str:
+    return value if isinstance(value, bool | str) else number(value)
+
+
+def _seconds(value: object) -> Any:
+    if not isinstance(value, str):
+        number(value)
+    elif not re.fullmatch(FRACTION, value):
+        told = 'must be a number of seconds, or a quotient of two, such as "1/30", not {value}'
+        raise PydanticCustomError("not_a_number", told, {"value": _shown(value)})
+    return value
+
+
+def _step(value: object) -> Any:
+    if not isinstance(value, str) and not number(value) > 0.0:
+        raise PydanticCustomError("not_a_number", "must be greater than 0, not {value}", {"value": _shown(value)})
+    return _seconds(value)
+
+
+_QUOTIENT = {"type": "string", "pattern": f"^{FRACTION}$"}
+
+
 Text = Annotated[str, Field(min_length=1)]
-Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(_number)]
-Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0), BeforeValidator(_number)]
-Count = Annotated[int, Field(ge=1)]
+Number = Annotated[float, Field(allow_inf_nan=False), BeforeValidator(number)]
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0), BeforeValidator(number)]
+Count = Annotated[int, Field(ge=1), BeforeValidator(whole)]
+Seed = Annotated[int, Field(ge=0), BeforeValidator(whole)]
+Share = Annotated[float, Field(gt=0.0, lt=1.0), BeforeValidator(number)]
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Scalar = Annotated[Any, BeforeValidator(_scalar), WithJsonSchema({"type": ["boolean", "number", "string"]})]
 """A start value: a number, a text, true or false."""
-Seconds = Annotated[Any, BeforeValidator(_seconds), WithJsonSchema({"type": ["number", "string"]})]
+Seconds = Annotated[Any, BeforeValidator(_seconds), WithJsonSchema({"anyOf": [{"type": "number"}, _QUOTIENT]})]
 """A number as it is written in the file, or a quotient such as "1/30"."""
+Step = Annotated[
+    Any, BeforeValidator(_step), WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _QUOTIENT]})
+]
+"""A time above 0, as ``Seconds``."""
 
 
 # ---- reading ----

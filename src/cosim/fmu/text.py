@@ -13,6 +13,9 @@ from typing import Any, cast
 from ..errors import DescriptionError, suggest
 from .toml_errors import explained, line_with
 
+FRACTION = r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*"
+"""A number that is written as a quotient, such as ``1/30``."""
+
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),

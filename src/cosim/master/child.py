@@ -30,12 +30,12 @@ from ..errors import CosimError, DescriptionError, FileError
 from ..files import reason, temporary_variables
 from ..result.result import Result
 from ..system.system import System, make_system
-from .board import FINISHED, Board
+from .board import FINISHED, Board, mapped
 from .instance import Log, RunError
+from .interrupts import ENDING, Presses
 from .loading import loaded
 from .program import make_program
 from .run import Interrupted, Run
-from .signals import ENDING, Presses
 
 HIGH = 400
 """Lowest file number of the pipes. Some FMUs close all low file numbers; they do not reach this one."""
@@ -112,10 +112,10 @@ def serve(system: System | Callable[[], System], job: Assignment, memory: mmap.m
         _quiet()
         os.environ.update(temporary_variables(job.folder))
         tempfile.tempdir = str(job.folder)
-        board = Board(memoryview(memory), job.columns, job.capacity, job.windows)
+        board = Board.show(memory, job.columns, job.capacity, job.windows)
         threads = _threads()
         Log.sink = channel.send
-        _run(system, job, board, channel)
+        _run(system, job, channel)
         if _threads() > threads:
             time.sleep(THREAD_SECONDS)
         for stream in (sys.stdout, sys.stderr):
@@ -130,14 +130,14 @@ def serve(system: System | Callable[[], System], job: Assignment, memory: mmap.m
         os._exit(code)
 
 
-def _run(system: System | Callable[[], System], job: Assignment, board: Board, channel: Channel) -> None:
+def _run(system: System | Callable[[], System], job: Assignment, channel: Channel) -> None:
     """Load the FMUs, run, and free them. The outcome is sent before they are freed, because freeing may crash."""
     try:
         if not isinstance(system, System):
             system = system()
-        with loaded(system, debug=job.debug, folder=job.folder, board=board) as instances:
+        with loaded(system, debug=job.debug, folder=job.folder) as instances:
             program = make_program(system, instances)
-            channel.send(_outcome(Run(system, instances, program, board=board, check=not job.keep_going)))
+            channel.send(_outcome(Run(system, instances, program, check=not job.keep_going)))
     except CosimError as error:
         channel.send(Ending(0.0, 0, {}, error=(type(error), error.args, vars(error))))
     except OSError as error:
@@ -223,8 +223,7 @@ def started() -> None:
     os.close(nothing)
     arguments: tuple[Mapping[str, Any], str, Path, Path | None] = given["system"]
     job: Assignment = given["job"]
-    with open(given["memory"], "r+b") as file:
-        memory = mmap.mmap(file.fileno(), 0)
+    memory = mapped(given["memory"])
     if hasattr(os, "setpgid"):
         os.setpgid(0, 0)
 

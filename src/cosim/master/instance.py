@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar, cast
 
 from ..errors import SimulationError
+from ..files import forbidden_library
 from ..fmu.description import Fmu
 from ..fmu.variables import Variable
 from ..result.result import Message, Result
@@ -211,9 +212,7 @@ class FmuInstance:
     """The loop's number of each type, by the name of the type in the FMI functions."""
     _state = "FMUstate"
 
-    def __init__(
-        self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool, board: Board | None = None
-    ) -> None:
+    def __init__(self, number: int, instance: Instance, folder: Path, library: Path, *, debug: bool) -> None:
         self.number = number
         self.name = instance.name
         self.fmu: Fmu = instance.fmu
@@ -222,7 +221,6 @@ class FmuInstance:
         self._folder = folder
         self._library = library
         self._debug = debug
-        self._board = board
         self._slave: Any = None
 
     # Life
@@ -235,6 +233,7 @@ class FmuInstance:
             except Exception as error:
                 # FMPy raises bare exceptions for a library that does not load or lacks a function.
                 text = str(error).replace(str(self._folder), self.fmu.path.name)
+                text += forbidden_library(text)
                 raise SimulationError(f"{self.name}: the library of {self.fmu.name} cannot be used: {text}") from None
         function = self._instantiating
         try:
@@ -426,7 +425,7 @@ class FmuInstance:
             self.call(f"{self.prefix}Free{self._state}", ctypes.byref(state))
 
     def _calling(self, function: str) -> contextlib.AbstractContextManager[None]:
-        return contextlib.nullcontext() if self._board is None else self._board.call(self.name, function)
+        return contextlib.nullcontext() if Board.here is None else Board.here.call(self.name, function)
 
 
 @contextlib.contextmanager

@@ -21,12 +21,13 @@ from ..files import temporary_folder
 from ..result.result import Message, Result
 from ..system.system import System
 from . import loop
-from .board import DRAINED, FINISHED, IN_CALL, IN_LOOP, STEPPING, STOP, Board
+from .board import DRAINED, FINISHED, STEPPING, STOP, Board
 from .child import Assignment, Ending, sent
-from .instance import MAX_TEXT, CallError, RunError, log_message
-from .process import FmuProcess, fork_process, may_fork, shared_memory, signal_text, start_process
+from .failure import CallClock, process_error
+from .instance import MAX_TEXT, RunError, log_message
+from .interrupts import Presses, counted
+from .process import FmuProcess, fork_process, may_fork, shared_memory, start_process
 from .run import Interrupted, Progress, check_memory, make_result, row_times
-from .signals import Presses, counted
 
 POLL_SECONDS = 0.05
 """Time between two looks of the watching process. A message or the end of the run wakes it at once."""
@@ -42,18 +43,6 @@ WINDOW_BYTES = 2**24
 
 PRINTED_LINES = 1000
 """Largest number of lines printed by FMUs that are kept."""
-
-
-class ProcessError(CallError):
-    """The process of the FMUs crashed, was ended by an FMU, or did not return from a call.
-
-    ``instance`` and ``function`` name the present or last call. ``status`` is "Crash", "Exit" or "Timeout". ``result``
-    holds all complete rows.
-    """
-
-    def __init__(self, text: str, instance: str, function: str, *, time: float, status: str) -> None:
-        super().__init__(instance, function, time=time, status=status, message="")
-        self.args = (text,)
 
 
 class RecordError(RunError):
@@ -139,8 +128,7 @@ class _Watch:
         self.taken = 0
         """Number of rows taken from windows."""
         self.kept: list[NDArray[np.float64]] = []
-        self.mark: tuple[int, ...] = ()
-        self.since = self.started
+        self.calls = CallClock(board, self.started)
 
     def run(self) -> Result:
         readers = [
@@ -173,7 +161,7 @@ class _Watch:
                 self.take(self.came.get(timeout=POLL_SECONDS))
             now = clock_time.perf_counter()
             if self.drain():
-                self.since = now
+                self.calls.since = now
             if self.progress is not None:
                 self.progress(min(1.0, int(self.board.state[loop.POINT]) / self.system.steps))
             if presses.count > 0:
@@ -198,11 +186,8 @@ class _Watch:
 
     def overdue(self, now: float) -> bool:
         """Whether the present call has taken longer than the timeout."""
-        mark = self.board.mark()
-        if mark != self.mark:
-            self.mark, self.since = mark, now
-        calling = self.board.flags[IN_CALL] or self.board.flags[IN_LOOP]
-        self.timed_out = bool(self.timeout is not None and calling and now - self.since > self.timeout)
+        spent = self.calls.seconds(now)
+        self.timed_out = self.timeout is not None and spent > self.timeout
         return self.timed_out
 
     # Rows
@@ -243,17 +228,6 @@ class _Watch:
 
     # What happened
 
-    def time(self) -> float:
-        return float(self.system.start_time) + int(self.board.state[loop.POINT]) * float(self.system.step_size)
-
-    def call(self) -> tuple[str, str]:
-        """Instance and function of the present or last call."""
-        if self.board.flags[IN_LOOP]:
-            called = loop.call_of(self.board.state)
-            if called is not None and 0 <= called[0] < len(self.system.instances):
-                return self.system.instances[called[0]].name, called[1]
-        return self.board.called()
-
     def result(self, presses: Presses) -> Result:
         """The result of the run. Raises the error that ended the run early."""
         outcome = self.outcome
@@ -280,40 +254,19 @@ class _Watch:
         )
         failure: RunError | None = None
         if self.failed is not None:
-            failure = RecordError(str(self.failed), time=self.time())
+            failure = RecordError(str(self.failed), time=self.board.time())
         elif error is not None:
             failure = _rebuilt(error)
-        elif presses.count > 0 and (not finished or result.partial):
+        elif presses.count > 0:
+            # Also after a complete run: what called this may have more to do.
             raise Interrupted(result, presses.number)
         elif not finished:
-            failure = self.process_error()
+            limit = f"after {self.timeout:g} s, the limit for a call" if self.timed_out else ""
+            failure = process_error(self.board, self.process.code, limit=limit)
         if failure is not None:
             failure.result = result
             raise failure
         return result
-
-    def process_error(self) -> ProcessError:
-        """The error for a process that ended before its run was finished."""
-        instance, function = self.call()
-        code = self.process.code or 0
-        if self.timed_out:
-            status, what = "Timeout", f"had not come back after {self.timeout:g} s, the limit for a call, and was ended"
-        elif code < 0:
-            status, what = "Crash", f"crashed: {signal_text(-code)}"
-        elif code >= 0xC0000000:
-            # On Windows, the exit code of a crashed process is the number of the exception.
-            status, what = "Crash", f"crashed with exception 0x{code:08X}"
-        else:
-            status, what = "Exit", f"ended its process with exit code {code}, which an FMU must not do"
-        time, why = self.time(), ""
-        if not function:
-            where = "before the first call of an FMU, the process"
-        elif self.board.flags[IN_CALL] or self.board.flags[IN_LOOP]:
-            where = f"{instance}: {function} at {time:.9g} s"
-        else:
-            where = f"{instance}: after {function} at {time:.9g} s, between two calls, the process"
-            why = " An FMU has left a thread running, or has damaged memory in an earlier call."
-        return ProcessError(f"{where} {what}.{why}", instance, function, time=time, status=status)
 
     # Threads that read the pipes
 
@@ -333,7 +286,7 @@ class _Watch:
                 lines += 1
                 if lines <= PRINTED_LINES:
                     text = line.decode("utf-8", "replace").rstrip() + (" ..." if cut else "")
-                    self.came.put(Message(self.call()[0], self.time(), "OK", "printed", text))
+                    self.came.put(Message(self.board.called()[0], self.board.time(), "OK", "printed", text))
                 else:
                     self.dropped += 1
             line, cut = b"", False

@@ -14,14 +14,14 @@ from .instance import FmuInstance
 
 
 @contextlib.contextmanager
-def loaded(
-    system: System, *, debug: bool, folder: Path | None = None, board: Board | None = None
-) -> Generator[list[FmuInstance]]:
+def loaded(system: System, *, debug: bool, folder: Path | None = None) -> Generator[list[FmuInstance]]:
     """The instances of ``system``, loaded for the ``with`` block and freed at its end.
 
     FMUs are unpacked into ``folder``, or into a temporary folder. Raises DescriptionError if an FMU cannot be unpacked,
     SimulationError if it cannot be loaded.
     """
+    if Board.here is not None:
+        Board.here.begin(system)
     instances: list[FmuInstance] = []
     with contextlib.ExitStack() as resources:
         place = folder or resources.enter_context(temporary_folder())
@@ -34,7 +34,7 @@ def loaded(
                     target.mkdir()
                     unpacked[digest] = target, instance.fmu.extract(target)
                 kind = Fmi3Instance if instance.fmu.fmi == 3 else FmuInstance
-                made = kind(len(instances), instance, *unpacked[digest], debug=debug, board=board)
+                made = kind(len(instances), instance, *unpacked[digest], debug=debug)
                 instances.append(made)
                 made.load()
             yield instances

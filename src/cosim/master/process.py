@@ -216,20 +216,3 @@ def start_process(system: System, job: Assignment, memory: Path) -> FmuProcess:
         pickle.dump(sys.path, stdin)
         pickle.dump(given, stdin)
     return FmuProcess(popen.pid, popen.stdout, popen.stderr, popen)  # pyright: ignore[reportArgumentType]
-
-
-def signal_text(number: int) -> str:
-    """The name and the meaning of a signal that ended a process, as text."""
-    try:
-        name = signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
-    meanings = {
-        "SIGSEGV": "it used memory that is not its own",
-        "SIGBUS": "it used memory that is not there",
-        "SIGABRT": "it gave up, after an error it found itself",
-        "SIGFPE": "a calculation is not defined, such as a division of integers by zero",
-        "SIGILL": "an instruction that this processor does not have",
-        "SIGKILL": "ended from outside; perhaps the memory was used up",
-    }
-    return f"{name}, {meanings[name]}" if name in meanings else name

@@ -20,9 +20,9 @@ from ..system.values import is_numeric
 from . import loop, loop_plain
 from .board import IN_LOOP, STEPPING, STOP, Board
 from .instance import STATUS, FmuInstance, Log, RunError
+from .interrupts import Ended, Presses
 from .metadata import result_columns, system_metadata
 from .program import Program
-from .signals import Ended, Presses
 from .tables import POINTS
 
 Progress = Callable[[float], None]
@@ -88,7 +88,6 @@ class Run:
         *,
         begin: int = 0,
         end: int | None = None,
-        board: Board | None = None,
         check: bool = True,
     ) -> None:
         self.system = system
@@ -99,18 +98,23 @@ class Run:
         self.last = system.steps if end is None else end
         """The communication point that ends the run."""
         self.clock = np.array([float(system.start_time), float(system.step_size)])
-        self.board = board
-        """The memory in which another process sees rows and state; None if there is no other process."""
+        self.board = Board.here
+        """The memory in which another process sees the state; None if there is no other process."""
+        self.shared = self.board if self.board is not None and self.board.capacity else None
+        """The same memory if the rows are in it, too."""
         self.first_row = -(-begin // system.decimation)
-        if board is None:
-            self.state = np.zeros(loop.STATE_LENGTH, dtype=np.int64)
+        if self.shared is None:
             rows = self.last // system.decimation + 1 - self.first_row
             check_memory(system, rows)
             self.rows = np.empty((rows, len(system.record)))
         else:
-            self.state = board.state
-            self.rows = board.window
-        self.state[loop.POINT] = begin
+            self.rows = self.shared.window
+        if self.board is None:
+            self.state = np.zeros(loop.STATE_LENGTH, dtype=np.int64)
+            self.state[loop.POINT] = begin
+        else:
+            self.state = self.board.state
+            self.board.begin(system, begin)
         self.notices: list[Message] = []
         self.ended = False
         """Whether an FMU asked for the end."""
@@ -137,7 +141,7 @@ class Run:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped or end is not None)
-        if stopped:
+        if stopped or interrupted():
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
@@ -158,7 +162,7 @@ class Run:
             error.result = self.result({}, partial=True)
             raise
         result = self.result(solver, partial=stopped)
-        if stopped:
+        if stopped or interrupted():
             raise Interrupted(result, interrupted.number or signal.SIGINT)
         return result
 
@@ -221,9 +225,11 @@ class Run:
         advance = loop.compiled() or loop_plain.advance
         if self.board is not None:
             self.board.flags[IN_LOOP] = 1
-        done = advance(*arrays, end=end, last=last, decimation=decimation, check=check)
-        if self.board is not None:
-            self.board.flags[IN_LOOP] = 0
+        try:
+            done = advance(*arrays, end=end, last=last, decimation=decimation, check=check)
+        finally:
+            if self.board is not None:
+                self.board.flags[IN_LOOP] = 0
         if not done:
             raise self.stopped()
 
@@ -275,11 +281,11 @@ class Run:
         while True:
             point = int(self.state[loop.POINT])
             end = min(point + chunk, stop, point + most)
-            if self.board is not None:
-                room = self.board.room()
+            if self.shared is not None:
+                room = self.shared.room()
                 # Each multiple of ``every`` from ``point`` to ``end`` gives a row. These rows must fit into ``room``.
                 end = min(end, (-(-point // every) + room - 1) * every)
-                self.rows = self.board.window
+                self.rows = self.shared.window
             record = self.program.recorded, self.rows, every
             begun = clock_time.perf_counter()
             try:
@@ -341,7 +347,7 @@ class Run:
         return found
 
     def result(self, solver: dict[str, dict[str, float]], *, partial: bool) -> Result:
-        if self.board is not None:
+        if self.shared is not None:
             # The watching process makes the result. It has the rows and the messages already.
             dropped = sum(slave.log.dropped for slave in self.slaves)
             facts = {"stepping_seconds": self.stepping_seconds}

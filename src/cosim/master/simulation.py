@@ -48,11 +48,11 @@ from ..result.result import Result
 from ..system.system import System
 from ..system.values import start_value
 from .instance import CallError, FmuInstance
+from .interrupts import Presses, counted
 from .isolation import simulate_isolated
 from .loading import loaded
 from .program import Program, make_program, same_program
 from .run import Progress, Run
-from .signals import Presses, counted
 
 
 def simulate(
@@ -194,7 +194,10 @@ class Simulation:
             return run.resume(values, progress, interrupted)
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Give every instance the state that it had at ``checkpoint``. Raises CallError."""
+        """Give every instance the state that it had at ``checkpoint``.
+
+        Raises CallError, or DescriptionError if the simulation is closed.
+        """
         if not self._slaves:
             raise DescriptionError("the simulation is closed. Use it in a with statement.")
         for slave, state in checkpoint.saved:

@@ -31,6 +31,9 @@ from ..system.samples import sampling_time
 from ..system.system import System, make_system
 from ..system.unconnected import fitting_outputs, unconnected_inputs
 from ..system.values import is_numeric, show_start, start_value, unit_suffix
+from .board import Board, mapped
+from .failure import process_error
+from .process import shared_memory
 from .simulation import Simulation
 
 POINTS = 200
@@ -66,6 +69,9 @@ class Trial:
         self._resources = contextlib.ExitStack()
         folder = self._resources.enter_context(temporary_folder())
         self._file = folder / "findings.json"
+        # The other process makes its board from the same file.
+        memory, _ = self._resources.enter_context(shared_memory(folder, Board.size(), shared_file=True))
+        self._board = Board(memoryview(memory))
         job = folder / "job"
         job.write_bytes(pickle.dumps((dict(system.document), system.name, system.folder, system.fmus)))
         command = [sys.executable, "-m", __name__, str(job), str(self._file)]
@@ -83,16 +89,12 @@ class Trial:
         try:
             code = self._process.wait(seconds)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            return Findings(f"{self._where()} is not initialized after {seconds:g} s.")
+            limit = f"when {seconds:g} s had passed, the limit for the initialization"
+            return Findings(str(process_error(self._board, None, limit=limit)))
         if self._file.is_file():
             found: dict[str, Any] = json.loads(self._file.read_text(encoding="utf-8"))
             return Findings(found["problem"], tuple(found["notes"]))
-        return Findings(f"{self._where()} ended the process during initialization ({_ending(code)}).")
-
-    def _where(self) -> str:
-        at = self._file.with_suffix(".at")
-        return at.read_text(encoding="utf-8") if at.is_file() else "an instance"
+        return Findings(str(process_error(self._board, code)))
 
     def __enter__(self) -> Self:
         return self
@@ -116,20 +118,11 @@ def try_system(system: System, *, seconds: float = SECONDS) -> Findings:
         return trial.findings(seconds=seconds)
 
 
-def _ending(code: int) -> str:
-    if code >= 0:
-        return f"exit code {code}"
-    with contextlib.suppress(ValueError):
-        return signal.Signals(-code).name
-    return f"signal {-code}"
-
-
 # The other process
 
 
-def _try(system: System, at: Path) -> Findings:
+def _try(system: System) -> Findings:
     notes: list[str] = []
-    at.write_text(_names(system), encoding="utf-8")
     try:
         with Simulation(system) as simulation:
             result = simulation.initialize()
@@ -194,11 +187,6 @@ def _mattering(system: System, inputs: Sequence[tuple[str, str]]) -> set[tuple[s
     except CosimError:
         return set(inputs)  # not known, for example without fmi2GetFMUstate; rather a note too many
     return found
-
-
-def _names(system: System) -> str:
-    names = [instance.name for instance in system.instances]
-    return names[0] if len(names) == 1 else f"one of {', '.join(names)}"
 
 
 def _without_effect(system: System, instance: Instance) -> Iterator[str]:
@@ -302,7 +290,8 @@ def _alone(system: System, instance: Instance) -> System:
 def _main() -> None:
     job, file = (Path(argument) for argument in sys.argv[1:])
     document, name, folder, fmus = pickle.loads(job.read_bytes())
-    found = _try(make_system(document, name=name, folder=folder, fmus=fmus), file.with_suffix(".at"))
+    Board.show(mapped(file.with_name("memory")))
+    found = _try(make_system(document, name=name, folder=folder, fmus=fmus))
     write_file(file, json.dumps(asdict(found)))
     # The findings are written. Exit at once, so that an FMU that crashes during unloading does no harm.
     os._exit(0)

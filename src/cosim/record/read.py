@@ -218,11 +218,12 @@ def _time_column(names: _Names, time: str | None, sampling_time: float | None, p
         return None
     if time is not None:
         return names.find(time, problems)
-    for known in TIME_NAMES:
-        # In a MAT file the time may be a field of a struct.
-        found = [i for i, name in enumerate(names.names) if name.rpartition(".")[2].strip().casefold() == known]
-        if len(found) == 1:
-            return found[0]
+    whole = [name.strip().casefold() for name in names.names]
+    # In a MAT file the time may be a field of a struct.
+    for parts in (whole, [name.rpartition(".")[2].strip() for name in whole]):
+        for known in TIME_NAMES:
+            if parts.count(known) == 1:
+                return parts.index(known)
     alone = len(names.names) == 1 and names.path.suffix.lower() in TEXT
     marks = " Cells are divided by comma, semicolon, tab or blanks." if alone else ""
     known = suggest("time", names.names)

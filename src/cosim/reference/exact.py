@@ -70,7 +70,10 @@ class Validation:
         return row * self.step_size
 
     def inputs(self, kind: type[Component]) -> list[tuple[float, ...]]:
-        """The inputs of every row, in SI units and in the order of the component's ``Input``."""
+        """The inputs of every row, in SI units and in the order of the component's ``Input``.
+
+        Raises DescriptionError for stimuli that are no inputs.
+        """
         names = scalar_names(kind.Input)
         unknown = set(self.stimuli) - set(names)
         if unknown:

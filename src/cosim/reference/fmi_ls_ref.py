@@ -17,6 +17,7 @@ import csv
 import importlib
 import io
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -303,13 +304,17 @@ def _number(element: Any, attribute: str, said: str, problems: list[str]) -> flo
 def read_csv(path: Path) -> Table:
     """A CSV file: a header whose first name is ``time``, then rows of as many cells, times not descending.
 
-    Raises DescriptionError naming file and line.
+    Cells are separated by the comma, semicolon or tab that follows the name ``time``. Raises DescriptionError naming
+    file and line.
     """
     try:
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig")), strict=True))
+        text = path.read_text(encoding="utf-8-sig")
+        separator = re.match(r'\s*"?time"?\s*([,;\t])', text, re.IGNORECASE)
+        delimiter = separator[1] if separator else ","
+        lines = list(csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True, strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise DescriptionError(f"{path.name}: not a readable CSV file ({error}).") from None
-    if not lines or not lines[0] or lines[0][0].strip() != "time":
+    if not lines or not lines[0] or lines[0][0].strip().lower() != "time":
         found = lines[0][0].strip() if lines and lines[0] else ""
         raise DescriptionError(f"{path.name}: the first column is '{found}'. It must be 'time'.")
     names = tuple(name.strip() for name in lines[0][1:])

@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 
 FMI_TYPES: Mapping[Interface, str] = {"cs": "CoSimulation", "me": "ModelExchange"}
 
+SAME_TIME = 1e-3
+"""Largest distance of two times that are the same, as a share of the step: many files give times with six digits."""
+
 TEXT_TYPES = ("String", "Binary", "Clock")
 """Types of variables whose references are not compared."""
 
@@ -175,6 +178,7 @@ def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model:
     if experiment.references is None:
         raise DescriptionError("has no references to compare with.")
     problems: list[str] = []
+    notes: list[str] = []
     start: dict[str, Any] = {}
     stimuli: Any = None
     if experiment.parameters is not None:
@@ -184,7 +188,7 @@ def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model:
             problems += error.problems
     if experiment.stimuli is not None:
         try:
-            stimuli = _stimuli(lsref.locate(experiment.stimuli, beside, folder), variables, experiment.held)
+            stimuli = _stimuli(lsref.locate(experiment.stimuli, beside, folder), variables, experiment.held, notes)
         except DescriptionError as error:
             problems += error.problems
     try:
@@ -194,7 +198,6 @@ def make_job(experiment: ReferenceExperiment, beside: Path, folder: Path, model:
         raise DescriptionError([*problems, *error.problems]) from None
     experiment, more = _timed(experiment, references, path.name)
     problems += more
-    notes: list[str] = []
     located, unknown = _located(path.name, references, variables, problems, notes)
     lesser = [
         f"{path.name}: a tolerance is stated for '{name}', which it has not."
@@ -236,7 +239,7 @@ def _timed(experiment: ReferenceExperiment, references: Table, name: str) -> tup
         return filled, [f"start {start:g} s, stop {stop:g} s, step size {step:g} s: stop must be later, steps above 0."]
     for row, time in enumerate(times):
         steps = (time - start) / step
-        if abs(steps - round(steps)) > 1e-6 or not -0.5 < steps < (stop - start) / step + 0.5:
+        if abs(steps - round(steps)) > SAME_TIME or not -0.5 < steps < (stop - start) / step + 0.5:
             return filled, [
                 f"{name}, row {row + 1}: time {time!r} s is no communication point of {start:g} s + k*{step!r} s up to "
                 f"{stop:g} s. Write rows at communication points, or state the right step size."
@@ -265,7 +268,7 @@ def values_of(file: str, name: str, table: Table, variable: Any, element: int | 
     for row, cell in enumerate(table.column(name)):
         parts = cell.split() if size > 1 else [cell]
         try:
-            numbers = [_TRUTH[part] if part in _TRUTH else float(part) for part in parts]
+            numbers = [_TRUTH[part.lower()] if part.lower() in _TRUTH else float(part) for part in parts]
         except ValueError:
             numbers = [math.nan]
         if len(numbers) != size or not all(map(math.isfinite, numbers)):
@@ -288,19 +291,22 @@ _INTEGERS = {
 }
 
 
-def _stimuli(path: Path, variables: Mapping[str, Any], held: bool) -> Any:
-    """The structured array that FMPy takes. Held inputs are steps: each time has two rows, with old and new values."""
+def _stimuli(path: Path, variables: Mapping[str, Any], held: bool, notes: list[str]) -> Any:
+    """The structured array that FMPy takes. Held inputs are steps: each time has two rows, with old and new values.
+
+    A file may serve FMUs of several versions of FMI, whose inputs differ: then ``notes`` gets the names of the others.
+    """
     table = lsref.read_csv(path)
     problems: list[str] = []
+    unknown: list[str] = []
     columns: list[tuple[Any, list[Any]]] = [(("time", "float64"), list(table.times))]
     for name in table.names:
         variable = variables.get(name)
         if variable is None or (variable.causality != "input" and variable.variability != "tunable"):
-            known = [v.name for v in variables.values() if v.causality == "input"]
-            problems.append(f"{path.name}: the FMU has no input '{name}'.{suggest(name, known)}")
+            unknown.append(name)
             continue
         if variable.type in TEXT_TYPES:
-            problems.append(f"{path.name}: input '{name}' is of type {variable.type}, which FMPy cannot set in a run.")
+            notes.append(f"{path.name}: input '{name}' is of type {variable.type}, which is not set in a replay.")
             continue
         kind = _INTEGERS.get(variable.type, "float64")
         try:
@@ -315,8 +321,13 @@ def _stimuli(path: Path, variables: Mapping[str, Any], held: bool) -> Any:
         else:
             cells = list(numbers)
         columns.append(((name, kind, variable.shape) if variable.shape else (name, kind), cells))
-    if problems:
-        raise DescriptionError(problems)
+    if problems or len(columns) == 1:
+        known = [v.name for v in variables.values() if v.causality == "input"]
+        wrong = [f"{path.name}: the FMU has no input '{name}'.{suggest(name, known)}" for name in unknown]
+        raise DescriptionError([*problems, *wrong] or [f"{path.name}: no input in it that can be set."])
+    if unknown:
+        names = ", ".join(f"'{name}'" for name in unknown)
+        notes.append(f"{path.name}: the FMU has no input {names}: not set.")
     signals = np.empty(len(table.rows), dtype=[entry for entry, _ in columns])
     for entry, cells in columns:
         signals[entry[0]] = np.asarray(cells).reshape(signals[entry[0]].shape)

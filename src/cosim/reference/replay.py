@@ -17,6 +17,8 @@ import importlib
 import math
 import multiprocessing
 import os
+import threading
+import time as clock_time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -27,10 +29,15 @@ from typing import Any
 import numpy as np
 
 from ..errors import DescriptionError
-from ..files import temporary_folder
+from ..files import forbidden_library, temporary_folder
+from ..master.board import Board, mapped
+from ..master.failure import process_error
+from ..master.interrupts import held_back
+from ..master.process import shared_memory
 from ..reference import fmi_ls_ref as lsref
 from .fmi_ls_ref import ReferenceExperiment, Tolerance
 from .jobs import (
+    SAME_TIME,
     Array,
     Interface,
     Job,
@@ -50,6 +57,9 @@ Tools commonly call two traces with this difference the same.
 
 DEFAULT_TIMEOUT = 60.0
 """Longest time of a run in s."""
+
+POLL_SECONDS = 0.1
+"""Time between two looks at the time limit and at Ctrl-C; an answer comes at once."""
 
 LAST_WORDS = 400
 """Number of characters shown of the last output of a failed FMU."""
@@ -151,10 +161,22 @@ def verify(
     the largest magnitude of a reference; it is used if the FMU states none. ``timeout`` in s ends a run that hangs.
     The FMU runs in a new Python process: a script that calls this needs ``if __name__ == "__main__":``.
     """
-    path = Path(path)
+    return _report(Path(path), interface, _Way(tolerance, timeout, threading.Event()))
+
+
+@dataclass(frozen=True)
+class _Way:
+    """How experiments are replayed: with ``tolerance`` where none is stated, ``timeout`` in s, until ``stopped``."""
+
+    tolerance: float
+    timeout: float
+    stopped: threading.Event
+
+
+def _report(path: Path, interface: Interface | None, way: _Way) -> Report:
     try:
         with temporary_folder() as folder:
-            return _verify(path, folder, interface, tolerance, timeout)
+            return _verify(path, folder, interface, way)
     except DescriptionError as error:
         said = (text if text.startswith(path.name) else f"{path.name}: {text}" for text in error.problems)
         return Report(path, path.stem, problems=tuple(said))
@@ -168,12 +190,17 @@ def verify_all(
     timeout: float = DEFAULT_TIMEOUT,
 ) -> Iterable[Report]:
     """``verify`` for many FMUs, on all cores; the reports come in the order of ``paths``."""
+    way = _Way(tolerance, timeout, threading.Event())
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        work = partial(verify, interface=interface, tolerance=tolerance, timeout=timeout)
-        yield from pool.map(work, paths)
+        try:
+            yield from pool.map(partial(_report, interface=interface, way=way), paths)
+        finally:
+            # After Ctrl-C, the replays in progress end at once.
+            way.stopped.set()
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _verify(path: Path, folder: Path, interface: Interface | None, tolerance: float, timeout: float) -> Report:
+def _verify(path: Path, folder: Path, interface: Interface | None, way: _Way) -> Report:
     unpack_fmu(path, folder)
     model = read_model(folder)
     offered = [kind for kind, name in (("cs", model.coSimulation), ("me", model.modelExchange)) if name is not None]
@@ -199,7 +226,7 @@ def _verify(path: Path, folder: Path, interface: Interface | None, tolerance: fl
         except DescriptionError as error:
             wrong = error.problems
         problems += [f"experiment '{experiment.name}': {text}" for text in wrong]
-    outcomes = _run(jobs, folder, tolerance, timeout)
+    outcomes = _run(jobs, folder, way)
     said = tuple(f"{path.name}: {text}" for text in dict.fromkeys(problems))
     return Report(path, str(model.modelName), str(model.fmiVersion), chosen, tuple(outcomes), said)
 
@@ -207,29 +234,37 @@ def _verify(path: Path, folder: Path, interface: Interface | None, tolerance: fl
 # ---- running ----
 
 
-def _run(jobs: Sequence[Job], folder: Path, tolerance: float, timeout: float) -> list[Replay]:
+def _run(jobs: Sequence[Job], folder: Path, way: _Way) -> list[Replay]:
     """Run the jobs in a child process. After a crash or a hang a new process runs the remaining jobs."""
     outcomes: list[Replay] = []
     context = multiprocessing.get_context("spawn")
-    while len(outcomes) < len(jobs):
+    while len(outcomes) < len(jobs) and not way.stopped.is_set():
         waiting = jobs[len(outcomes) :]
         here, there = context.Pipe(duplex=False)
         printed = folder / "printed.txt"
-        arguments = (there, str(folder), [dict(job.arguments) for job in waiting], str(printed))
+        with shared_memory(folder, Board.size(), shared_file=True) as (memory, path):
+            board = Board(memoryview(memory))
+        arguments = (there, str(folder), [dict(job.arguments) for job in waiting], str(printed), path)
         process = context.Process(target=_child, args=arguments, daemon=True)
-        process.start()
+        with held_back():
+            # The process never lets signals through: this one kills it.
+            process.start()
         there.close()
-        for job in waiting:
-            failure, columns, ended = _answer(here, process, timeout)
-            if failure:
-                words = _last_words(printed)
-                failure += f" It printed: {words}" if words else ""
-            outcomes.append(_compared(job, columns, tolerance) if columns is not None else _failed(job, failure))
-            if ended:
-                break
-        process.kill()
-        process.join()
-        here.close()
+        try:
+            for job in waiting:
+                failure, columns, ended = _answer(here, process, board, way)
+                if failure:
+                    words = _last_words(printed)
+                    failure += f" It printed: {words}" if words else ""
+                outcomes.append(
+                    _compared(job, columns, way.tolerance) if columns is not None else _failed(job, failure)
+                )
+                if ended:
+                    break
+        finally:
+            process.kill()
+            process.join()
+            here.close()
     return outcomes
 
 
@@ -239,35 +274,53 @@ def _last_words(printed: Path) -> str:
     return " ".join(" ".join(line for line in lines if "Warning: missing input" not in line).split())[-LAST_WORDS:]
 
 
-def _answer(pipe: Any, process: Any, timeout: float) -> tuple[str, dict[str, Any] | None, bool]:
+def _answer(pipe: Any, process: Any, board: Board, way: _Way) -> tuple[str, dict[str, Any] | None, bool]:
     """The answer of the process to the next job: a failure or columns, and whether the process has ended."""
     try:
-        if pipe.poll(timeout):
-            return (*pipe.recv(), False)
+        deadline = clock_time.monotonic() + way.timeout
+        while clock_time.monotonic() < deadline and not way.stopped.is_set():
+            if pipe.poll(POLL_SECONDS):
+                return (*pipe.recv(), False)
     except EOFError:
         process.join()
-        code = process.exitcode
-        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        return f"the process with the FMU ended ({how}).", None, True
-    process.kill()
-    process.join()
-    return f"no answer within {timeout:g} s.", None, True
+        return str(process_error(board, process.exitcode)), None, True
+    limit = f"when {way.timeout:g} s had passed, the limit for a run"
+    return str(process_error(board, None, limit=limit)), None, True
 
 
-def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str) -> None:
-    """Run the jobs one by one. The output of the FMU and of FMPy goes to the file ``printed``."""
+def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str, memory: Path) -> None:
+    """Run the jobs one by one. The output of the FMU and of FMPy goes to the file ``printed``.
+
+    Calls of the FMU are shown on the board in the file ``memory``.
+    """
     from fmpy.model_description import read_model_description
 
     simulate: Any = importlib.import_module("fmpy.simulation").simulate_fmu
+    fmu: Any = importlib.import_module("fmpy.fmi1")._FMU
+    board, call = Board.show(mapped(memory)), fmu._call
+
+    def shown_call(self: Any, function: str, *arguments: Any) -> Any:
+        with board.call(self.instanceName, function):
+            return call(self, function, *arguments)
+
+    def show_time(time: float, recorder: object) -> bool:
+        board.clock[0] = time
+        return True
+
+    fmu._call = shown_call
     model = read_model_description(folder, validate=False)
     for job in jobs:
+        board.clock[0] = job["start_time"]
         file = os.open(printed, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(file, 1)
         os.dup2(file, 2)
         try:
-            result = simulate(folder, model_description=model, remote_platform=None, **job)
+            # The first call of FMPy ends this one, which is shown if the library crashes while it is loaded.
+            with board.call(Path(folder).name, "loading the library"):
+                result = simulate(folder, model_description=model, remote_platform=None, step_finished=show_time, **job)
         except Exception as error:  # FMPy raises bare exceptions
-            pipe.send((f"{str(error).strip().rstrip('.') or type(error).__name__}.", None))
+            text = f"{str(error).strip().rstrip('.') or type(error).__name__}."
+            pipe.send((text + forbidden_library(text), None))
         else:
             pipe.send(("", {name: np.array(result[name]) for name in result.dtype.names or ()}))
         finally:
@@ -287,14 +340,15 @@ def _compared(job: Job, columns: Mapping[str, Any], tolerance: float) -> Replay:
     first and last rows are compared with the first and last rows of FMPy.
     """
     step = job.experiment.step_size or 1.0
+    near = SAME_TIME * step
     times = np.array(job.references.times)
     found = np.asarray(columns["time"], dtype=float)
-    first = np.searchsorted(found, times - 1e-6 * step)
-    last = np.maximum(np.searchsorted(found, times + 1e-6 * step, side="right") - 1, first)
+    first = np.searchsorted(found, times - near)
+    last = np.maximum(np.searchsorted(found, times + near, side="right") - 1, first)
     same = np.diff(times) == 0.0
     before, after = np.append(same, False), np.insert(same, 0, False)
     rows = np.where(before, first, np.where(after, last, first if job.experiment.held else last))
-    late = (rows >= len(found)) | (np.abs(found[np.minimum(rows, len(found) - 1)] - times) > 1e-6 * step)
+    late = (rows >= len(found)) | (np.abs(found[np.minimum(rows, len(found) - 1)] - times) > near)
     if late.any():
         return _failed(job, f"the FMU gave no values at {times[late][0]:g} s; its last are those of {found[-1]:g} s.")
     signals: list[Signal] = []

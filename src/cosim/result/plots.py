@@ -163,12 +163,16 @@ def save(path: Path, draw: Callable[[Figure], None], size: tuple[float, float]) 
 def rendered(draw: Callable[[Figure], None], size: tuple[float, float], ending: str = "png") -> bytes:
     """The picture that ``draw`` makes, as the content of a file with this ending; ``size`` in inches.
 
-    Raises DescriptionError if matplotlib is not installed.
+    Raises DescriptionError if matplotlib is not installed or not usable.
     """
     require("matplotlib", "to draw a picture")
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    try:
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ValueError as error:  # of its settings
+        remedy = "Correct the variable MPLBACKEND or the file matplotlibrc."
+        raise DescriptionError(f"matplotlib: {error}. {remedy}") from None
 
     content = io.BytesIO()
     with matplotlib.rc_context(cast(Any, _STYLE)):

@@ -378,6 +378,20 @@ def _commanded_circle(x_ref: Array, y_ref: Array) -> tuple[float, float, float] 
     return (x, y, radius) if max_abs(np.hypot(x_ref - x, y_ref - y) - radius) <= ON_CIRCLE * radius else None
 
 
+_OF_ERROR: Mapping[str, Callable[[Array], float]] = {
+    "max": max_abs,
+    "rms": rms,
+    "std": std,
+    "mean": mean,
+    "end": lambda error: mean(error[-1:]),
+}
+_OF_COMMAND: Mapping[str, Callable[[Array], float]] = {
+    "max": max_abs,
+    "mean": mean,
+    "end": lambda command: mean(command[-1:]),
+}
+
+
 def tracking(result: Recorded, interval: tuple[float, float]) -> dict[str, float]:
     """Figures of every position loop over ``interval`` (start and end in s).
 
@@ -393,15 +407,23 @@ def tracking(result: Recorded, interval: tuple[float, float]) -> dict[str, float
     for loop in found:
         prefix = f"{loop.name}." if len(found) > 1 else ""
         error = loop.error(result)[part]
-        numbers[f"{prefix}error_max"] = max_abs(error)
-        numbers[f"{prefix}error_rms"] = rms(error)
-        numbers[f"{prefix}error_std"] = std(error)
-        numbers[f"{prefix}error_mean"] = mean(error)
-        numbers[f"{prefix}error_end"] = mean(error[-1:])
+        numbers |= {f"{prefix}error_{name}": figure(error) for name, figure in _OF_ERROR.items()}
         if loop.command:
             command = result[loop.command][part]
-            numbers[f"{prefix}command_max"] = max_abs(command)
-            numbers[f"{prefix}command_mean"] = mean(command)
-            numbers[f"{prefix}command_end"] = mean(command[-1:])
+            numbers |= {f"{prefix}command_{name}": figure(command) for name, figure in _OF_COMMAND.items()}
             numbers[f"{prefix}command_tv"] = total_variation(time, command)
     return numbers
+
+
+def tracking_units(result: Recorded) -> dict[str, str]:
+    """The units of the figures of ``tracking``, by name. The values of the result are not needed."""
+    found = loops(result)
+    units: dict[str, str] = {}
+    for loop in found:
+        prefix = f"{loop.name}." if len(found) > 1 else ""
+        units |= {f"{prefix}error_{name}": result.unit(loop.position) for name in _OF_ERROR}
+        if loop.command:
+            unit = result.unit(loop.command)
+            units |= {f"{prefix}command_{name}": unit for name in _OF_COMMAND}
+            units[f"{prefix}command_tv"] = f"{unit}/s"
+    return units

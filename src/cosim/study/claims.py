@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..errors import DescriptionError, suggest
-from ..fmu.tables import read_table
+from ..fmu.tables import Number, Pair, Positive, Share, Table, Text, read_table
 from . import expression, rules
 from .rules import Criterion, Numbers
 from .study import COPY, Claim, Kind, Measure, Outcomes, OwnOutcomes, Picture, Reading, Run, Status, Study, labelled
@@ -42,28 +42,45 @@ RELATIVE = 1e-6
 It is far below the uncertainty of any machine parameter and far above rounding errors.
 """
 
-Text = Annotated[str, Field(min_length=1)]
-Factor = Annotated[float, Field(gt=0.0)]
+
+def _number_or_table(value: object) -> str:
+    return "table" if isinstance(value, Mapping) else "number"
 
 
-class _Data(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+def _text_or_table(value: object) -> str:
+    return "table" if isinstance(value, Mapping) else "text"
 
 
-class RuleData(_Data):
+def _text_number_or_table(value: object) -> str:
+    return "text" if isinstance(value, str) else _number_or_table(value)
+
+
+TextOrTable = Annotated[
+    Annotated[str, Tag("text")] | Annotated[dict[str, str], Tag("table")], Discriminator(_text_or_table)
+]
+NumberOrTable = Annotated[
+    Annotated[Number, Tag("number")] | Annotated[dict[str, Number], Tag("table")], Discriminator(_number_or_table)
+]
+TextNumberOrTable = Annotated[
+    Annotated[str, Tag("text")] | Annotated[Number, Tag("number")] | Annotated[dict[str, Number], Tag("table")],
+    Discriminator(_text_number_or_table),
+]
+
+
+class RuleData(Table):
     """Conditions that must all hold, and the reason of their thresholds."""
 
-    near: float | None = None
+    near: Number | None = None
     """Largest relative distance from the published value."""
-    near_abs: float | None = None
+    near_abs: Number | None = None
     """Largest distance from the published value, in the unit of the claim."""
-    share_of_effect: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    share_of_effect: Share | None = None
     """Largest distance from the published value, as a share of the effect: the published value minus ``without``."""
-    at_most: float | None = None
+    at_most: Number | None = None
     """Largest value, in the unit of the claim."""
-    at_least: float | None = None
+    at_least: Number | None = None
     """Smallest value, in the unit of the claim."""
-    between: tuple[float, float] | None = None
+    between: Pair | None = None
     """Smallest and largest value, in the unit of the claim."""
     falling: bool = False
     """Whether each value must be smaller than the one before it."""
@@ -81,33 +98,33 @@ class RuleData(_Data):
         return self
 
 
-class ReadingData(_Data):
+class ReadingData(Table):
     """A claim measured in another setting; the report shows the result but does not count it."""
 
     setting: Text
     """The other setting, in words."""
-    values: dict[str, str] = {}
+    values: Mapping[str, str] = {}
     """Values in this setting, as in a claim."""
     measure: str = ""
     """Name of a function of the study, as in a claim."""
 
 
-class ClaimData(_Data):
+class ClaimData(Table):
     """One claim."""
 
     id: Text
     """Short name, such as M1; the report uses it."""
     text: Text
     """What is claimed, in words."""
-    published: str | float | dict[str, float]
+    published: TextNumberOrTable
     """The published value, or values by label; a text if no number was published."""
-    unit: str | dict[str, str] = "1"
+    unit: TextOrTable = "1"
     """Unit of the values, or units by label; ``1`` has none."""
-    factor: float | None = None
+    factor: Number | None = None
     """Factor on values in SI units, for a unit that ``FACTORS`` does not have."""
     magnitude: bool = False
     """Whether magnitudes are compared instead of values with signs."""
-    values: dict[str, str] = {}
+    values: Mapping[str, str] = {}
     """For each label, a sum or product of ``run:figure`` terms; the label of a single value is empty."""
     measure: str = ""
     """Name of a function of the study, in place of values."""
@@ -115,15 +132,15 @@ class ClaimData(_Data):
     """Setting of the runs, in words."""
     note: str = ""
     """What a reader must know to judge the value."""
-    without: float | dict[str, float] | None = None
+    without: NumberOrTable | None = None
     """The values to expect without the effect that is tested, by label; labels without a known effect are left out."""
-    verdicts: dict[Status, RuleData] = {}
+    verdicts: Mapping[Status, RuleData] = {}
     """For each status, the rule that earns it; the first that holds decides."""
-    readings: list[ReadingData] = []
+    readings: Sequence[ReadingData] = ()
     """The same claim measured in other settings."""
 
 
-class TableData(_Data):
+class TableData(Table):
     """Claims of one kind under one heading."""
 
     title: Text
@@ -140,20 +157,20 @@ class TableData(_Data):
     """The claims."""
 
 
-class SpreadData(_Data):
+class SpreadData(Table):
     """Runs that are repeated with slightly changed values: once for each parameter, once with another tolerance."""
 
     runs: list[str]
     """Names of runs; ``*`` stands for any characters, ``?`` for one."""
     parameters: Annotated[list[str], Field(min_length=1)]
     """``INSTANCE.VARIABLE``: each is changed in a copy of its own."""
-    relative: Factor = RELATIVE
+    relative: Positive = RELATIVE
     """Relative change of each parameter."""
-    tolerance: dict[str, Factor] = {}
+    tolerance: Mapping[str, Positive] = {}
     """Tolerance parameter of the integrator -> factor on its value, for the copy with another tolerance."""
 
 
-class ClaimsData(_Data):
+class ClaimsData(Table):
     """A file of claims."""
 
     title: Text
@@ -162,7 +179,7 @@ class ClaimsData(_Data):
     """The paper: authors, title, journal, year."""
     text: Text
     """What the study is about, in Markdown."""
-    spread: list[SpreadData] = []
+    spread: Sequence[SpreadData] = ()
     """Runs that are repeated with slightly changed values."""
     tables: list[TableData]
     """The tables of claims."""
@@ -294,7 +311,8 @@ class _Builder:
         if data.at_least is not None:
             found.append(rules.at_least(data.at_least))
         if data.between is not None:
-            found.append(rules.between(*data.between))
+            low, high = data.between
+            found.append(rules.between(low, high))
         if data.falling:
             found.append(rules.falling())
         if data.published is not None:

@@ -18,20 +18,6 @@ from ..version import VERSION
 from .rules import Numbers
 from .study import COPY, STATUSES, Claim, Kind, Missing, Outcome, Outcomes, Status, Study, Verdict
 
-STYLES: dict[Status, str] = {
-    "reproduced": "green",
-    "agrees": "green",
-    "fitted": "cyan",
-    "transferred": "magenta",
-    "order only": "yellow",
-    "not reproduced": "red",
-    "differs": "red",
-    "finding": "dim",
-    "not checkable": "dim",
-    "not run": "dim",
-}
-"""Colours on a terminal."""
-
 KINDS: Mapping[Kind, tuple[str, str]] = {
     "paper": (
         "Claims of the paper",

@@ -9,19 +9,23 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from dataclasses import replace
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import CosimError, DescriptionError, SimulationError, suggest
 from ..fmu.places import study_folders
+from ..master.interrupts import held_back, released
 from ..master.simulation import simulate
 from ..result.result import Result
 from ..result.summary import tracking
 from ..system.system import System, read_system
 from .rules import Numbers
 from .study import NONE, Outcome, Outcomes, Run, Study
+
+END_SECONDS = 0.5
+"""Longest time in which a process ends its run after Ctrl-C; then it is killed. Longer than ``GRACE_SECONDS``."""
 
 
 def known_studies() -> dict[str, Path]:
@@ -91,7 +95,7 @@ def _start(system: System, name: str, file: str) -> float:
     return float(start or 0.0)
 
 
-def run_machines(folder: Path, run: Run, fmus: Path | None = None) -> dict[str, float]:
+def run_machines(folder: Path, run: Run, fmus: Path | None = None, *, timeout: float | None = None) -> dict[str, float]:
     """Figures of ``run.machines`` machines whose start values are drawn from ``run.box``.
 
     The factors are spread evenly over the logarithm of their range; the same box gives the same machines. Each figure
@@ -105,7 +109,7 @@ def run_machines(folder: Path, run: Run, fmus: Path | None = None) -> dict[str, 
     for factors in np.exp(random.uniform(low, high, (run.machines, len(run.box)))):
         machine = replace(run, scaled=dict(zip(run.box, map(float, factors), strict=True)), machines=0)
         try:
-            rows.append(_measured(machine, simulate(run_system(folder, machine, fmus))))
+            rows.append(_measured(machine, _simulate(run_system(folder, machine, fmus), timeout)))
         except SimulationError:
             failed += 1
     found: dict[str, float] = {"failed": float(failed)}
@@ -123,23 +127,33 @@ def _measured(run: Run, result: Result) -> dict[str, float]:
     return numbers
 
 
-def run_one(folder: Path, name: str, run: Run, fmus: Path | None = None) -> Outcome:
-    """Carry out one run of the study in ``folder``. An error that stops it becomes the failure of the outcome."""
+def _simulate(system: System, timeout: float | None) -> Result:
+    """A run in a process of its own, so that an FMU that crashes or hangs costs this run only."""
+    return simulate(system, isolated=True, timeout=timeout)
+
+
+def run_one(folder: Path, name: str, run: Run, fmus: Path | None = None, *, timeout: float | None = None) -> Outcome:
+    """Carry out one run of the study in ``folder``. An error that stops it becomes the failure of the outcome.
+
+    ``timeout`` in s is the limit for a call of an FMU.
+    """
     steps = 0
     try:
         system = run_system(folder, run, fmus)
         steps = system.steps
-        outcome = measure_run(name, run, simulate(system))
+        outcome = measure_run(name, run, _simulate(system, timeout))
         if not run.machines:
             return outcome
-        return replace(outcome, numbers={**outcome.numbers, **run_machines(folder, run, fmus)})
+        return replace(outcome, numbers={**outcome.numbers, **run_machines(folder, run, fmus, timeout=timeout)})
     except CosimError as error:
         return Outcome(name, run, NONE, None, steps, str(error))
 
 
-def _run_in_process(folder: Path, name: str, fmus: Path | None) -> tuple[str, Numbers, Result | None, int, str]:
+def _run_in_process(
+    folder: Path, name: str, fmus: Path | None, timeout: float | None
+) -> tuple[str, Numbers, Result | None, int, str]:
     """The outcome of ``run_one`` without the run itself, whose functions cannot be sent between processes."""
-    outcome = run_one(folder, name, load_study(folder).runs[name], fmus)
+    outcome = run_one(folder, name, load_study(folder).runs[name], fmus, timeout=timeout)
     return name, dict(outcome.numbers), outcome.result, outcome.steps, outcome.failure
 
 
@@ -158,16 +172,20 @@ def run_study(
     jobs: int = 1,
     fmus: Path | None = None,
     data: Path | None = None,
+    timeout: float | None = None,
     progress: Callable[[Outcome], None] = lambda outcome: None,
 ) -> Outcomes:
     """Carry out the runs of the study in ``folder`` whose names match ``pattern``, ``jobs`` at a time.
 
     The outcomes do not depend on ``jobs``. ``progress`` gets each outcome as its run ends. Some studies are about
     measured data of the user: they read the files in the folder ``data``, or show stored figures without it.
+    ``timeout`` in s is the limit for a call of an FMU.
     Raises DescriptionError if no run matches, SimulationError if a run takes its process down.
     """
     study = load_study(folder)
     if study.outcomes is not None:
+        if timeout is not None:
+            raise DescriptionError(f"the study {folder.name} has limits of its own: leave --timeout out.")
         return study.outcomes(data, fmus, progress, jobs)
     if data is not None:
         raise DescriptionError(f"the study {folder.name} reads no data of yours: leave --data out.")
@@ -175,12 +193,15 @@ def run_study(
     done: dict[str, Outcome] = {}
     if jobs <= 1 or len(names) == 1:
         for name in names:
-            done[name] = run_one(folder, name, study.runs[name], fmus)
+            done[name] = run_one(folder, name, study.runs[name], fmus, timeout=timeout)
             progress(done[name])
     else:
-        pool = ProcessPoolExecutor(min(jobs, len(names)), mp_context=get_context("spawn"))
+        before = active_children()
+        pool = ProcessPoolExecutor(min(jobs, len(names)), mp_context=get_context("spawn"), initializer=released)
         try:
-            for future in as_completed([pool.submit(_run_in_process, folder, name, fmus) for name in names]):
+            with held_back():
+                futures = [pool.submit(_run_in_process, folder, name, fmus, timeout) for name in names]
+            for future in as_completed(futures):
                 name, numbers, result, steps, failure = future.result()
                 done[name] = Outcome(name, study.runs[name], numbers, result, steps, failure)
                 progress(done[name])
@@ -189,6 +210,14 @@ def run_study(
             raise SimulationError(
                 f"a process died in one of the runs {left}. Give jobs = 1 to see which run it is."
             ) from None
+        except KeyboardInterrupt:
+            workers = [child for child in active_children() if child not in before]
+            for worker in workers:
+                worker.terminate()
+            for worker in workers:
+                worker.join(END_SECONDS)
+                worker.kill()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
     return Outcomes([done[name] for name in names])

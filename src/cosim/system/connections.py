@@ -13,7 +13,7 @@ from ..fmu.variables import Variable, suggest_variable
 from ..units import Unit
 from .findings import Findings
 from .parts import Connection, Noise, Ports, SignalSource
-from .values import decimal, show_value
+from .values import decimal, fraction, show_value
 
 ACCEPTED_TYPES = {
     "Real": ("Real", "Integer", "Enumeration", "Boolean"),
@@ -200,9 +200,11 @@ def _noise(where: str, value: object, findings: Findings) -> Noise | None:
     if rms < 0.0:
         findings.problem(f"{where}.rms", f"{rms:g} must not be negative.")
     seed = table["seed"]
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+    number = fraction(seed) if not isinstance(seed, str) else None
+    if number is None or number.denominator != 1 or number < 0:
         findings.problem(f"{where}.seed", f"{show_value(seed)}: give a whole number of at least 0.")
-    return Noise(rms, cast(int, seed)) if len(findings.problems) == before else None
+        return None
+    return Noise(rms, int(number)) if len(findings.problems) == before else None
 
 
 def _ends(where: str, text: str, findings: Findings) -> tuple[str, str] | None:

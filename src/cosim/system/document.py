@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from ..errors import DescriptionError, suggest
 from ..fmu.places import is_fmu_path, shipped_systems
@@ -99,8 +99,18 @@ def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
+class Changes(NamedTuple):
+    """New entries of the experiment and the record; None keeps the old one. Times in s."""
+
+    stop_time: object = None
+    step_size: object = None
+    order: str | Sequence[str] | None = None
+    record: Sequence[str] | None = None
+    decimation: int | None = None
+
+
 def changed_document(
-    document: Mapping[str, Any], name: str, overrides: Mapping[str, object], **experiment: object
+    document: Mapping[str, Any], name: str, overrides: Mapping[str, object], changes: Changes
 ) -> tuple[dict[str, Any], list[str]]:
     """``document`` with other start values and another experiment; and a problem for each override without a target."""
     instances = document.get("instances")
@@ -133,16 +143,12 @@ def changed_document(
                 flat = dict(flat_table(cast("Mapping[str, Any]", start))) if isinstance(start, Mapping) else {}
                 tables[instance] = {**old, "start": merged(flat, values)}
         document = {**document, "instances": tables}
-    record = {
-        key: value
-        for key, value in (("variables", experiment.pop("record")), ("decimation", experiment.pop("decimation")))
-        if value is not None
-    }
-    if record:
-        over["record"] = record
-    given = {key: _number(value) for key, value in experiment.items() if value is not None}
-    if given:
-        over["experiment"] = given
+    times = {"stop_time": _number(changes.stop_time), "step_size": _number(changes.step_size)}
+    record = {"variables": changes.record, "decimation": changes.decimation}
+    for table, values in (("experiment", {**times, "order": changes.order}), ("record", record)):
+        given = {key: value for key, value in values.items() if value is not None}
+        if given:
+            over[table] = given
     return merged(document, over), problems
 
 

@@ -157,9 +157,10 @@ def _plain(number: Fraction) -> str:
 def _tolerance(table: Mapping[str, Any], findings: Findings) -> float | None:
     if "tolerance" not in table:
         return None
-    number = decimal(table["tolerance"])
+    given = table["tolerance"]
+    number = None if isinstance(given, str) else decimal(given)
     if number is None or not number.is_finite() or not 0 < number < 1:
-        findings.problem("experiment.tolerance", f"{show_value(table['tolerance'])}: give a number between 0 and 1.")
+        findings.problem("experiment.tolerance", f"{show_value(given)}: give a number between 0 and 1.")
         return None
     return float(number)
 
@@ -188,5 +189,6 @@ def _order(value: object, instances: Mapping[str, Any], findings: Findings) -> O
             findings.problem(where, f"instance '{name}' is named {names.count(name)} times. Name it once.")
     missing = [name for name in instances if name not in names]
     if missing:
-        findings.problem(where, f"instance {', '.join(missing)} is missing. Name every instance.")
+        named = f"instances {', '.join(missing)} are" if len(missing) > 1 else f"instance {missing[0]} is"
+        findings.problem(where, f"{named} missing. Name every instance.")
     return names

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 from ..errors import suggest
-from .values import decimal, show_value
+from .values import fraction, show_value
 
 
 class Findings:
@@ -42,8 +42,8 @@ class Findings:
 
     def count(self, where: str, value: object) -> int:
         """``value`` as a whole number of at least 1. For another value, adds a problem and returns 1."""
-        number = decimal(value) if not isinstance(value, str) else None
-        if number is None or not number.is_finite() or number != number.to_integral_value() or number < 1:
+        number = fraction(value) if not isinstance(value, str) else None
+        if number is None or number.denominator != 1 or number < 1:
             self.problem(where, f"{show_value(value)} is not a count. Give a whole number of at least 1.")
             return 1
         return int(number)

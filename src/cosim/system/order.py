@@ -108,9 +108,12 @@ def _late(
         if source not in outputs or order.index(source[0]) < order.index(target[0]):
             continue
         where = f"connection {connection}"
+        unstated = source[1] in instances[source[0]].fmu.unstated
         if source[0] == target[0]:
-            findings.note(where, f"one step of delay: {source[0]} feeds itself, and its output depends directly on it.")
-        elif source[1] in instances[source[0]].fmu.unstated:
+            silent = "its file does not say on which inputs its output depends"
+            why = silent if unstated else "its output depends directly on it"
+            findings.note(where, f"one step of delay: {source[0]} feeds itself, and {why}.")
+        elif unstated:
             findings.note(
                 where,
                 f"one step of delay: {source[0]} comes after {target[0]} in the order, and its file does not say on "

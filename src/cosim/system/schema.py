@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from ..fmu.tables import Count, Number, Positive, Seconds, Table, Text
+from ..fmu.tables import Count, Number, Seconds, Seed, Share, Step, Table, Text, number
 from .signals import ColumnData, SignalData, SmoothingData
 
 Arrow = Annotated[str, Field(pattern="->", description="INSTANCE.OUTPUT -> INSTANCE.INPUT")]
@@ -22,9 +22,9 @@ Start = Annotated[Any, Field(description="number, true or false, text, name of a
 class NoiseData(Table):
     """Seeded white noise on a connection, with one value for each communication step."""
 
-    rms: Annotated[float, Field(ge=0.0)]
+    rms: Annotated[float, Field(allow_inf_nan=False, ge=0.0), BeforeValidator(number)]
     """Root mean square of the noise, in the unit of the input."""
-    seed: Annotated[int, Field(ge=0)]
+    seed: Seed
     """Seed of the random numbers: the same seed gives the same noise."""
 
 
@@ -54,11 +54,11 @@ class ExperimentData(Table):
     """Start of the run in s."""
     stop_time: Seconds | None = None
     """End of the run in s. It must be given, unless a signal with ``extend = "stop"`` ends the run."""
-    step_size: Seconds | None = None
+    step_size: Step | None = None
     """Communication step in s, such as ``1e-4`` or ``"1/30"``. It must be given and divide the length of the run."""
     order: Literal["sequential", "parallel"] | list[Name] = "sequential"
     """``"sequential"``, ``"parallel"`` (outputs are one step late), or all instances in the order of their steps."""
-    tolerance: Positive | None = None
+    tolerance: Share | None = None
     """Relative tolerance below 1, passed to every FMU. Default: each FMU takes its own."""
 
 

@@ -10,13 +10,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
 
 from ..errors import DescriptionError, suggest
-from ..fmu.tables import Number, Positive, Seconds, Table, Text, checked
+from ..fmu.tables import Number, Positive, Step, Table, Text, checked, whole
 from ..fmu.text import named_path
 from ..fmu.variables import Variable
 from ..record.derive import derivative_name, derivative_unit, differences, smoothed
@@ -42,7 +43,7 @@ class SmoothingData(Table):
 
     window: Positive
     """Length of the window in s."""
-    polynomial: Literal[1, 2, 3, 4, 5, 6, 7] = 3
+    polynomial: Annotated[int, Field(ge=1, le=7), BeforeValidator(whole)] = 3
     """Degree of the polynomial. It must be at least the order of the derivative."""
 
 
@@ -59,7 +60,7 @@ class ColumnData(Table):
     """Number that is added after the factor, in ``unit``."""
     unit: Text | None = None
     """Unit of the signal. Default: the unit in the file."""
-    derivatives: Literal[0, 1, 2] = 0
+    derivatives: Annotated[int, Field(ge=0, le=2), BeforeValidator(whole)] = 0
     """Highest derivative that is offered, as ``der(NAME)`` and ``der(NAME,2)``."""
     smoothing: SmoothingData | None = None
     """How derivatives are smoothed."""
@@ -76,7 +77,7 @@ class SignalData(Table):
     """Name of the column of time. Default: the column called time or t."""
     time_unit: Text | None = None
     """Unit of the column of time, such as ``ms``. Default: the unit in the file, else s."""
-    sampling_time: Seconds | None = None
+    sampling_time: Step | None = None
     """Sampling time in s of a record without a column of time, such as ``1e-3`` or ``"1/8000"``."""
     start_time: Number | None = None
     """Time of the record in s at which the run begins. Default: the times of the record are those of the run."""

@@ -9,6 +9,7 @@ import io
 import zipfile
 from typing import Any
 
+from ..fmu.archive import checked_members
 from ..fmu.xml import parse
 from .ssp_names import lxml_etree
 
@@ -22,7 +23,7 @@ def with_integers(fmu: bytes) -> bytes:
     """
     written = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(fmu)) as source, zipfile.ZipFile(written, "w") as archive:
-        for member in source.infolist():
+        for member in checked_members(source, lambda _: False):
             content = source.read(member)
             archive.writestr(member, _description(content) if member.filename == DESCRIPTION else content)
     return written.getvalue()

@@ -13,7 +13,7 @@ from decimal import Decimal, InvalidOperation
 from typing import Any, cast
 
 from ..errors import DescriptionError, listed, suggest
-from ..fmu.archive import opened
+from ..fmu.archive import checked_members, opened
 from .ssp_names import local_name, lxml_etree, tag
 from .ssp_package import Package, read_document
 from .ssp_tree import End, Part
@@ -201,7 +201,7 @@ class ParameterValues:
             if base == "component" and part.fmu is not None:
                 with opened(part.fmu.path) as archive:
                     member = self.package.path(source).removeprefix("./")
-                    if member not in archive.namelist():
+                    if all(entry.filename != member for entry in checked_members(archive, lambda _: False)):
                         raise DescriptionError(f"file '{source}' is not in {part.fmu.path.name}.")
                     return archive.read(member)
             return (self.package.folder / self.package.file(source)).read_bytes()

@@ -80,7 +80,7 @@ from ..errors import DescriptionError, suggest
 from ..fmu.places import find_system, has_ending
 from ..fmu.variables import Value, Variable, suggest_variable
 from .connections import read_connections
-from .document import changed_document, load_document
+from .document import Changes, changed_document, load_document
 from .experiment import ExperimentTimes, read_experiment
 from .findings import Findings
 from .instances import Places, read_instances
@@ -180,18 +180,9 @@ class System:
 
         Times are in s. Raises DescriptionError with all problems.
         """
-        document, problems = changed_document(
-            self.document,
-            self.name,
-            overrides or {},
-            stop_time=stop_time,
-            step_size=step_size,
-            order=order,
-            record=record,
-            decimation=decimation,
-        )
-        experiment = (stop_time, step_size, order, record, decimation)
-        plain = overrides and not problems and all(value is None for value in experiment)
+        changes = Changes(stop_time, step_size, order, record, decimation)
+        document, problems = changed_document(self.document, self.name, overrides or {}, changes)
+        plain = overrides and not problems and changes == Changes()
         if plain and (starts := self._starts(overrides or {})) is not None:
             return self._with_starts(starts, document)
         return _checked(document, self.name, self.folder, self.fmus, problems=problems, notes=self.notes_of_file)
@@ -251,16 +242,8 @@ def read_system(
         record = None if record is None else list(full_names(loaded, dict.fromkeys(record)))
     else:
         loaded = load_document(path)
-    document, problems = changed_document(
-        loaded,
-        path.name,
-        overrides or {},
-        stop_time=stop_time,
-        step_size=step_size,
-        order=order,
-        record=record,
-        decimation=decimation,
-    )
+    changes = Changes(stop_time, step_size, order, record, decimation)
+    document, problems = changed_document(loaded, path.name, overrides or {}, changes)
     return _checked(document, path.name, folder, folder_of_fmus, problems=problems, notes=notes)
 
 

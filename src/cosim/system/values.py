@@ -12,10 +12,11 @@ from typing import Any, cast
 
 from ..errors import DescriptionError, clipped, suggest
 from ..fmu.description import Fmu
+from ..fmu.text import FRACTION
 from ..fmu.variables import Value, Variable
 from ..units import parse_unit
 
-_FRACTION = re.compile(r"\s*([+-]?\d+(?:\.\d*)?)\s*/\s*(\d+(?:\.\d*)?)\s*")
+_FRACTION = re.compile(FRACTION)
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 """A number as people type it. TOML is stricter: it needs digits on both sides of the point, and no leading zeros."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..record.description import description_path
 from .parts import Connection
+
+_UNUSABLE = re.compile(r'[\x00-\x1f"*:<>?\\|\ud800-\udfff]')
+"""Control characters, those that Windows reserves, and bytes that are not UTF-8."""
 
 if TYPE_CHECKING:
     from .system import System
@@ -68,13 +72,17 @@ def record_files(names: Mapping[Path, str]) -> dict[str, Path]:
 
 
 def unique_names(paths: Any) -> dict[Path, str]:
-    """A file name for each path. Different files of the same name get a number."""
+    """A file name for each path. Different files of the same name get a number.
+
+    Characters that an archive or another machine refuses in the name of a file become ``_``.
+    """
     names: dict[Path, str] = {}
     for path in paths:
-        name, number = path.name, 1
+        plain = Path(_UNUSABLE.sub("_", path.name))
+        name, number = plain.name, 1
         while path not in names and name.lower() in (taken.lower() for taken in names.values()):
             number += 1
-            name = f"{path.stem}_{number}{path.suffix}"
+            name = f"{plain.stem}_{number}{plain.suffix}"
         names.setdefault(path, name)
     return names
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import Generator
 from types import FrameType
@@ -65,6 +66,30 @@ def counted(*, most: int) -> Generator[Presses]:
     deadly = (signal.SIG_DFL, signal.default_int_handler, end)
     with _handled([number for number in ENDING if signal.getsignal(number) in deadly], handle):
         yield presses
+
+
+@contextlib.contextmanager
+def held_back() -> Generator[None]:
+    """Hold signals back in this thread until the end of the block, and in processes that it starts until ``released``.
+
+    A process that is interrupted while it starts would show the traceback of an import. Windows cannot hold back.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def released() -> None:
+    """Let signals end this process without a word, those that were held back, too. During a run they end the run."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_DFL)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
 
 
 @contextlib.contextmanager
