@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 import cosim
-from cosim.design.linearize import StateSpace
+from cosim.design.linearize import StateSpace, linearize
 from cosim.design.margins import loop_margins, margins, series
 from cosim.design.rest_of_loop import realize, rest_of_loop
 from cosim.errors import DescriptionError
+from cosim.master.instance import CallError
+from cosim.master.simulation import Simulation
 from cosim.model import unflatten
 from cosim.system.system import System, make_system, read_system
 from fmus.controllers.fuzzy_sliding_mode import FuzzySlidingMode
@@ -195,6 +197,15 @@ def test_margins_refuse_what_they_do_not_cover(native: Path, frictionless: Syste
     rounded = frictionless.changed({"controller.sensor_resolution": 1e-5})
     with pytest.raises(DescriptionError, match=r"command does not change with position of plant"):
         loop_margins(rounded, at=0.0)
+
+
+def test_a_plant_without_derivatives_is_named(native: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*given: object) -> None:
+        raise CallError("fmu", "fmi2GetDirectionalDerivative", time=0.0, status="Error", message="")
+
+    monkeypatch.setattr(Simulation, "partial_derivatives", fails)
+    with pytest.raises(DescriptionError, match=r"NominalStage gives no partial derivatives.*Ask its maker for"):
+        linearize(native / "NominalStage.fmu")
 
 
 def test_the_rest_of_a_loop_is_its_controller(frictionless: System) -> None:

@@ -301,3 +301,17 @@ def test_steps_that_are_not_the_usual_one_are_told() -> None:
     )
     assert record_over([0.0, 0.33, 0.67, 1.0]).uneven() == ""
     assert record_over([0.0]).uneven() == ""
+
+
+def test_a_record_of_uneven_steps_is_taken_at_equal_ones() -> None:
+    time = np.array([0.0, 1.0, 2.0, 4.0, 5.0])
+    record = Record(Path("a.csv"), time, {"x": time**2}, {"x": "m"}, {})
+    even = record.resampled()
+    assert even.time.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    x = record["x"]
+    assert even["x"].tolist() == pytest.approx([*x[:3], 0.5 * (x[2] + x[3]), *x[3:]])
+    assert record.resampled(2.5).time.tolist() == [0.0, 2.5, 5.0]
+    with pytest.raises(DescriptionError, match=r"1 gap of more than 1\.5 steps of 1 s: the first is from 2 s to 4 s"):
+        record.resampled(longest_gap=1.5)
+    with pytest.raises(DescriptionError, match="a step of 0 s"):
+        record.resampled(0.0)

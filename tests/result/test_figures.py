@@ -87,6 +87,13 @@ def test_signals_of_two_units_are_compared_as_the_controller_sees_them() -> None
     assert missing.reason == "t.position in deg and p.position in rad differ in unit"
 
 
+def test_a_position_without_unit_has_that_of_its_reference() -> None:
+    """Many foreign FMUs state no units; both signals reach the controller as they are."""
+    columns = {"t.position": np.full_like(TIME, 90.0), "p.position": np.full_like(TIME, 1.5)}
+    row = rows(Recording(TIME, columns, {"t.position": "deg", "p.position": "1"}))["Position error, at the end"]
+    assert (row.value, row.unit) == (pytest.approx(1.5 - 90.0), "deg")
+
+
 # Steps
 
 

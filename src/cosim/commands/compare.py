@@ -27,7 +27,7 @@ from .console import (
     write_files,
 )
 from .parser import EXIT_CODES, timeout_argument
-from .systems import given_values
+from .systems import given_values, stated_units, units_argument
 
 if TYPE_CHECKING:
     from ..record.read import Record
@@ -88,9 +88,7 @@ def add(commands: Any) -> None:
     compare.add_argument("--stop-time", metavar="SECONDS", help="end of the runs")
     compare.add_argument("--time", metavar="COLUMN", help="the column of time of records (default: time or t)")
     compare.add_argument("--sampling-time", metavar="SECONDS", help="step of records that have no time column")
-    compare.add_argument(
-        "--units", action="extend", nargs="+", default=[], metavar="COLUMN=UNIT", help="units that records do not say"
-    )
+    units_argument(compare)
     compare.add_argument("--plot", type=Path, metavar="FILE", help="draw both and their difference")
     compare.add_argument("--report", type=Path, metavar="FILE", help="write a page, such as both.html (extra report)")
     compare.add_argument("--json", action="store_true", help="print the comparison as JSON, for scripts")
@@ -305,7 +303,7 @@ def open_record(
     """Read a record, or the result of a run, from a file; ``sampling_time`` in s. Raises DescriptionError."""
     from ..record.read import read_record
 
-    stated = {name: unit for name, _, unit in (item.rpartition("=") for item in units)}
+    stated = stated_units(units)
     if time is None and sampling_time is None and not stated:
         from ..result.read import holds_result, read_result
 

@@ -9,7 +9,7 @@ from typing import Any
 from ..errors import DescriptionError
 from .console import check_files, check_plot, common_arguments, print_note, show, write_files
 from .parser import number, positive, timeout_argument
-from .systems import base_argument
+from .systems import base_argument, stated_units, units_argument
 
 
 def add(commands: Any) -> None:
@@ -75,6 +75,7 @@ def _add_friction(identify: Any) -> None:
     friction.add_argument(
         "--sampling-time", type=positive, metavar="SECONDS", help="sampling time of a record without times"
     )
+    units_argument(friction)
     friction.add_argument(
         "--window",
         type=number,
@@ -98,6 +99,7 @@ def _friction(options: argparse.Namespace) -> int:
         force_unit=options.unit,
         time=options.time,
         sampling_time=options.sampling_time,
+        units=stated_units(options.units),
         **({} if options.window is None else {"span": tuple(options.window)}),
     )
     if not options.json:

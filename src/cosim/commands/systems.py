@@ -77,3 +77,15 @@ def given_system(options: argparse.Namespace) -> System:
     if problems:
         raise DescriptionError(problems)
     return system
+
+
+def units_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--units``; ``stated_units`` reads it."""
+    parser.add_argument(
+        "--units", action="extend", nargs="+", default=[], metavar="COLUMN=UNIT", help="units that records do not say"
+    )
+
+
+def stated_units(items: Sequence[str]) -> dict[str, str]:
+    """The units that ``--units`` states, by column."""
+    return {name: unit for name, _, unit in (item.rpartition("=") for item in items)}

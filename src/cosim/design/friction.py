@@ -18,7 +18,7 @@ EMPS, 2019 (least squares over filtered signals); Armstrong-Helouvry, Dupont & C
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -52,6 +52,8 @@ LEAST = 5
 """Least number of samples of a point of the curve: a spread of fewer samples says little."""
 PRESLIDING = 0.5
 """The slope is taken below this share of the sliding friction, where the bristles do not slip yet."""
+SLOW = 0.1
+"""A sampling time from which the times of a record are probably not in s: drives and machines are logged faster."""
 LARGEST_CONDITION = 100.0
 """A value counts as not excited if similarity to other columns makes its deviation larger by more than this factor.
 
@@ -119,6 +121,7 @@ def identify_friction(
     force_unit: str | None = None,
     time: str | None = None,
     sampling_time: float | None = None,
+    units: Mapping[str, str] | None = None,
     span: tuple[float, float] = (-math.inf, math.inf),
 ) -> FrictionLook:
     """First values from the record at ``source``::
@@ -127,28 +130,43 @@ def identify_friction(
 
     ``position`` and ``force`` name columns; the force is ``factor`` times its column, in ``force_unit`` (default: that
     of the record, else N). Positions with a unit of length are converted to m, angles to rad; without a unit they are
-    in m. ``span`` in s is the part of the record that is used. Raises DescriptionError for a record that cannot be read
-    or has no such columns, is too short, or in which nothing moves, and for a factor on a force in N or N.m, or a
-    multiple of it, if ``force_unit`` does not say the unit after the factor.
+    in m. ``units`` gives units that the record does not state, that of its time too. ``span`` in s is the part of the
+    record that is used. A record of uneven steps is taken at equal ones.
+
+    Raises DescriptionError for a record that cannot be read, has gaps or no such columns, is too short, or in which
+    nothing moves, and for a factor on a force in N or N.m, or a multiple of it, if ``force_unit`` does not say the
+    unit after the factor.
     """
-    record = read_record(source, time=time, sampling_time=sampling_time, columns=[position, force])
-    if note := record.uneven():
-        raise DescriptionError(f"{note} Derivatives need equal steps: resample the record before.")
+    record = read_record(source, time=time, sampling_time=sampling_time, columns=[position, force], units=units)
+    part = window(record.time, *span)
+    columns = {name: values[part] for name, values in record.columns.items()}
+    whole, record = record, replace(record, time=record.time[part], columns=columns)
+    uneven = whole.uneven() if record.uneven() else ""
+    record = record.resampled() if uneven else record
     stated = record.units.get(position, "") or "m"
     length = "rad" if parse_unit(stated).conversion(parse_unit("rad")) else "m"
-    part = window(record.time, *span)
-    x = record.column(position)[part] * conversion(stated, length)
+    x = record.column(position) * conversion(stated, length)
     told = record.units.get(force, "")
     if factor != 1.0 and force_unit is None and _is_force(told):
         raise DescriptionError(
             f"{source}: {force} is in {told}: say the unit after the factor, --unit N or force_unit='N'."
         )
     unit = force_unit or (told if factor == 1.0 else "") or "N"
-    look = friction_from_signals(record.time[part], x, factor * record.column(force)[part], unit=unit, length=length)
+    look = friction_from_signals(record.time, x, factor * record.column(force), unit=unit, length=length)
     taken = {position: length} if not record.units.get(position) else {}
     taken |= {force: unit} if not told and force_unit is None else {}
-    notes = tuple(f"nothing says the unit of {name}: taken as {each}." for name, each in taken.items())
-    return replace(look, notes=notes)
+    notes = [
+        f"nothing says the unit of {name}: taken as {each}. Say another one with --units {name}=UNIT or units={{...}}."
+        for name, each in taken.items()
+    ]
+    if record.step >= SLOW:
+        notes.append(
+            f"the record has a sample every {record.step:.6g} s, too few for friction. If its times are not in s, say "
+            "their unit: --units COLUMN=ms or units={...}."
+        )
+    if uneven:
+        notes.append(f"{uneven} Taken at equal steps, on the lines between the samples.")
+    return replace(look, notes=tuple(notes))
 
 
 def _is_force(unit: str) -> bool:

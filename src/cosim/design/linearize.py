@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError
 from ..extras import import_extra
 from ..fmu.places import find_system, has_ending
+from ..master.instance import CallError
 from ..master.simulation import Checkpoint, Simulation
 from ..public import public_names
 from ..result.metrics import Array
@@ -155,7 +156,7 @@ def linearize(
         linearize("build/fmus/native/LinearMotor.fmu", start={"velocity_start": 0.01})
 
     ``inputs`` and ``outputs`` choose variables and their order (default: all of type Real). Raises DescriptionError for
-    wrong names, CallError if the FMU does not give derivatives.
+    wrong names, and if the FMU does not give derivatives.
     """
     if not isinstance(source, System):
         source = find_system(str(source), None if fmus is None else Path(fmus))
@@ -197,9 +198,15 @@ def linearized(
     knowns = (*states, *chosen["input"])
     n = len(states)
     dynamics = np.zeros((0, len(knowns)))
-    if states:
-        dynamics = simulation.partial_derivatives(instance, [rates[state] for state in states], knowns)
-    output = simulation.partial_derivatives(instance, chosen["output"], knowns)
+    try:
+        if states:
+            dynamics = simulation.partial_derivatives(instance, [rates[state] for state in states], knowns)
+        output = simulation.partial_derivatives(instance, chosen["output"], knowns)
+    except CallError as error:
+        raise DescriptionError(
+            f"{instance}: {fmu.name} gives no partial derivatives, which linear models need ({error}) Ask its maker "
+            "for providesDirectionalDerivative, or fit a component of this library to one of its runs."
+        ) from None
     units = {name: fmu.variables[name].unit or "1" for name in (*knowns, *chosen["output"])}
     return StateSpace(
         *(dynamics[:, :n], dynamics[:, n:], output[:, :n], output[:, n:]),

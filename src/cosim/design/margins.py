@@ -1,7 +1,8 @@
 """Margins of sampled loops: the loop transfer function from the plant's command back to itself.
 
 The plant is linearized at the operating point, its command is held over the sampling time. The rest of the loop, from
-the plant's outputs back to its command, is realized from its responses; see ``rest_of_loop``.
+the plant's outputs back to its command, is a sampled model of its responses to small pulses on these outputs, beginning
+with the state that it has in the run. Meanwhile positions move on at their speed and all other signals hold.
 
 Source: Astrom & Wittenmark, Computer-Controlled Systems, 1997, secs. 2.3 and 3.3; Skogestad & Postlethwaite,
 Multivariable Feedback Control, 2005, sec. 2.4 (margins of loops with several crossovers).

@@ -41,7 +41,10 @@ def smoothed(time: Array, values: Array, order: int, *, window: float, polynomia
     step = float(np.median(steps)) if steps.size else 0.0
     # The filter needs equal steps. Rounding of the times changes a step by less than a tenth.
     if not steps.size or np.max(np.abs(steps - step)) > 0.1 * step:
-        raise DescriptionError("smoothing needs equally spaced samples. Resample the record before.")
+        raise DescriptionError(
+            "smoothing needs equally spaced samples. Resample the record before, in Python: "
+            "cosim.read_record(FILE).resampled().to_dataframe(units=True).to_csv(NEW)."
+        )
     # The longest odd number of samples that spans no more than the window.
     count = 2 * math.floor(0.5 * window / step + 1e-6) + 1
     if count <= polynomial or order > polynomial:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,14 @@ from ..errors import DescriptionError, shortened, suggest
 from ..units import conversion
 from .frame import dataframe, signals_text, span
 from .header import TIME_NAMES, split_label, unit_text
-from .resample import UNEVEN, usual_step
+from .resample import EXACT, UNEVEN, usual_step
 from .tables import TEXT, Table, open_table
 
 Array = NDArray[np.float64]
+
+
+LONGEST_GAP = 5.0
+"""Longest step of time, in usual steps, over which a record is interpolated: some samples that a logger lost."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,6 +65,30 @@ class Record:
     def step(self) -> float:
         """The usual step of time in s: the mean if no step is uneven, else the median; 0 for a single sample."""
         return usual_step(self.time)
+
+    def resampled(self, step: float | None = None, *, longest_gap: float = LONGEST_GAP) -> Record:
+        """The record at equal steps of ``step`` in s (default: its usual step), on the lines between its samples.
+
+        Raises DescriptionError if two samples are further apart than ``longest_gap`` usual steps: the line between
+        them would be no measurement.
+        """
+        gaps = np.flatnonzero(np.diff(self.time) > longest_gap * self.step)
+        if gaps.size:
+            first = int(gaps[0])
+            raise DescriptionError(
+                f"{self.path}: {gaps.size} gap{'s' if gaps.size > 1 else ''} of more than {longest_gap:g} steps of "
+                f"{self.step:.6g} s: the first is from {self.time[first]:.9g} s to "
+                f"{self.time[first + 1]:.9g} s. Use a part of the record without gaps."
+            )
+        own = self.step if step is None else step
+        if not (math.isfinite(own) and own > 0.0):
+            raise DescriptionError(f"{self.path}: a step of {own:g} s: must be a finite number above 0.")
+        count = math.floor((self.time[-1] - self.time[0]) / own + EXACT) + 1
+        time: Array = self.time[0] + own * np.arange(count, dtype=np.float64)
+        columns: dict[str, Array] = {
+            name: np.interp(time, self.time, values).astype(np.float64) for name, values in self.columns.items()
+        }
+        return replace(self, time=time, columns=columns)
 
     def uneven(self) -> str:
         """A sentence about steps of time that differ from the usual step; "" if all are equal."""

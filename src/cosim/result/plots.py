@@ -300,7 +300,7 @@ def run_panels(result: Recorded) -> list[Panel]:
         panels.append(
             Panel(
                 "Position",
-                result.unit(found[0].position),
+                found[0].unit(result),
                 tuple(
                     series
                     for i, loop in enumerate(found)
@@ -316,7 +316,7 @@ def run_panels(result: Recorded) -> list[Panel]:
         errors = tuple(Series(name(loop, ""), result.time, loop.error(result), 2 * i) for i, loop in enumerate(found))
         settled = 1.5 * max(max_abs(series.y[series.y.size // 2 :]) for series in errors)
         limit = settled if largest([series.y for series in errors]) > 4.0 * settled else None
-        panels.append(Panel("Error", result.unit(found[0].position), errors, limit=limit))
+        panels.append(Panel("Error", found[0].unit(result), errors, limit=limit))
         for unit in dict.fromkeys(result.unit(loop.command) for loop in found if loop.command):
             panels.append(
                 Panel(

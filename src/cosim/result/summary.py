@@ -72,6 +72,11 @@ class Loop:
         values = result[self.reference]
         return values if self.scale == (1.0, 0.0) else factor * values + offset
 
+    def unit(self, result: Recorded) -> str:
+        """The unit of the position. If its FMU states none, and it reaches the controller as it is, the reference's."""
+        own = result.unit(self.position)
+        return result.unit(self.reference) if (own, self.scale) == ("1", (1.0, 0.0)) else own
+
     def error(self, result: Recorded) -> Array:
         """Position minus reference, in the unit of the position."""
         return result[self.position] - self.reference_values(result)
@@ -114,7 +119,7 @@ def _loops(result: Recorded) -> Iterator[tuple[Loop, str]]:
             yield loop, f"{' and '.join(added)} is a sum, not one recorded signal"
         elif missing:
             yield loop, f"{' and '.join(missing)} was not recorded: add it with --record"
-        elif between == (1.0, 0.0) and result.unit(reference) != result.unit(position):
+        elif between == (1.0, 0.0) and result.unit(reference) != result.unit(position) != "1":
             yield (
                 loop,
                 f"{reference} in {result.unit(reference)} and {position} in {result.unit(position)} differ in unit",
@@ -233,7 +238,7 @@ def _loop_rows(result: Recorded, loop: Loop, prefix: str, start: float | None) -
     except DescriptionError as error:
         return [Missing(f"{prefix}Position error", str(error))]
     since = f" from {time[part][0]:g} s"
-    factor, unit = _length(result.unit(loop.position))
+    factor, unit = _length(loop.unit(result))
     error = loop.error(result) * factor
     rows = [
         FigureOfMerit(f"{prefix}Position error, maximum{since}", max_abs(error[part]), unit),
@@ -303,7 +308,7 @@ def _path(result: Recorded, x: Loop, y: Loop) -> _Path | None:
     signals = {x.position, y.position, x.reference, y.reference}
     if len(signals) < 4 or signals & set(not_finite(result)):
         return None
-    (factor, unit), (y_factor, y_unit) = (_length(result.unit(loop.position)) for loop in (x, y))
+    (factor, unit), (y_factor, y_unit) = (_length(loop.unit(result)) for loop in (x, y))
     if y_unit != unit:
         try:
             y_factor *= conversion(y_unit, unit)

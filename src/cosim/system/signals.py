@@ -32,6 +32,9 @@ from .instances import NAME
 from .parts import SignalSource
 from .values import fraction
 
+SEEN = 0.05
+"""Least share of a slow record that a run sees: less is probably a record whose times are not in s."""
+
 
 class SmoothingData(Table):
     """How derivatives are smoothed: by a polynomial fitted to the samples in a window in s."""
@@ -398,11 +401,12 @@ def check_times(signals: Mapping[str, SignalSource], times: tuple[float, float, 
                 f"the record ends at {last:.9g} s, before the end of the run at {stop:.9g} s: its last values "
                 'hold from then on. extend = "hold" says that this is meant; others are "repeat" and "stop".',
             )
-        if 2.0 * own.step > stop - start and own.time.size > 3:
+        seen = (stop - start) / own.step + 1.0
+        if (seen < 3.0 and own.time.size > 3) or (seen < SEEN * own.time.size and own.step > 10.0 * step):
             findings.note(
                 where,
-                f"the record has a sample every {own.step:.6g} s, so the run of {stop - start:.6g} s sees almost none "
-                f'of its {own.time.size} samples. If its times are not in s, say time_unit = "ms".',
+                f"the record has a sample every {own.step:.6g} s, so the run of {stop - start:.6g} s sees only "
+                f'{math.floor(seen)} of its {own.time.size} samples. If its times are not in s, say time_unit = "ms".',
             )
         if own.step < 0.99 * step and own.time.size > 1:
             findings.note(
