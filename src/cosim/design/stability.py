@@ -215,10 +215,9 @@ def practical_limit(
     gain, position = gain or names.of_controller(names.controller.proportional), position or names.position
     if isinstance(source, Simulation):
         swing /= si_factor(source.system, position, *POSITIONS)
-        variant = source.system.changed(overrides)
-        simulation = source
+        run, variant = source.run, source.system.changed(overrides)
         return search_limit(
-            lambda value: judge(simulation.run(variant.changed({gain: value})), position, swing).sustained, first, last
+            lambda value: judge(run(variant.changed({gain: value})), position, swing).sustained, first, last
         )
     system = source if isinstance(source, System) else read_system(source, fmus=fmus)
     system = system.changed(stop_time=stop_time, record=[position])
@@ -461,8 +460,7 @@ def read_map(path: str | Path, *, fmus: str | Path | None = None) -> MapFile:
     path = shipped_file(path)
     data = read_table(path, MapData)
     system = read_system(shipped_file(data.system, path.parent), fmus=fmus)
-    names = nctf_names().controller
-    controller = data.controller or names.instance
+    controller = data.controller or nctf_names().controller.instance
     cases: list[Case] = []
     for name, case in data.cases.items():
         alpha = case.alpha or data.alpha
