@@ -392,7 +392,8 @@ def test_hundred_runs_leave_nothing_behind(make: Make, monkeypatch: pytest.Monke
     simulate(system)
     before = memory()
     results = [simulate(system).rows.tolist() for _ in range(100)]
-    assert memory() == before
+    # There may be fewer: earlier tests may close a file late.
+    assert all(now <= then for now, then in zip(memory(), before, strict=True))
     assert all(rows == results[0] for rows in results)
     assert list(tmp_path.iterdir()) == []
 
