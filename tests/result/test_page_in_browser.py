@@ -95,8 +95,14 @@ def test_a_drag_zooms_all_panels_and_a_double_click_shows_all_again(browser: Any
     wait_for(page, "document.querySelectorAll('.panel')[2]._fullLayout.xaxis.range[0] > 2.0")
     for found in ranges(page):
         assert found == [pytest.approx(2.5, abs=0.1), pytest.approx(5.0, abs=0.1)]
-    page.mouse.dblclick(box["x"] + 0.3 * box["width"], middle)
-    wait_for(page, "document.querySelectorAll('.panel')[2]._fullLayout.xaxis.range[0] < 0.1")
+    # Two clicks count as a double click within 0.3 s, and a click soon after a drag counts with it: a busy machine may
+    # need more than one attempt.
+    for _ in range(10):
+        page.wait_for_timeout(500)
+        page.mouse.dblclick(box["x"] + 0.3 * box["width"], middle)
+        page.wait_for_timeout(500)
+        if ranges(page) == before:
+            break
     assert ranges(page) == before
     page.close()
 
