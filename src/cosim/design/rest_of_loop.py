@@ -15,7 +15,6 @@ Regelungstechnik 14, 1966.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -26,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DescriptionError
+from ..files import temporary_folder
 from ..master.simulation import Checkpoint, Simulation, simulate
 from ..record.header import is_unit
 from ..result.metrics import Array
@@ -94,8 +94,8 @@ class RestOfLoop:
 
         ``step``: as in ``loop_margins``. Raises DescriptionError if it is not linear there, or if nothing moves it.
         """
-        with tempfile.TemporaryDirectory() as folder:
-            alone, moment = self._alone(at, Path(folder))
+        with temporary_folder() as folder:
+            alone, moment = self._alone(at, folder)
             with Simulation(alone) as simulation:
                 checkpoint = simulation.pause(moment)
                 responses = _Responses(self, simulation, checkpoint)
