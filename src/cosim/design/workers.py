@@ -30,7 +30,7 @@ from ..errors import CosimError, DescriptionError, FileError, SimulationError
 from ..files import reason, temporary_folder, temporary_variables
 from ..master.board import Board, mapped
 from ..master.child import Channel, high, sent
-from ..master.failure import ProcessError, process_error
+from ..master.failure import ProcessError, limit_text, process_error
 from ..master.interrupts import ENDING
 from ..master.process import FmuProcess, shared_memory
 from ..master.simulation import Simulation
@@ -95,7 +95,7 @@ class Limit:
         return max(LEAST_SECONDS, LONGEST_TIMES * self.longest)
 
     def __str__(self) -> str:
-        text = f"when {self.seconds:.6g} s had passed, the limit for {self.of}"
+        text = limit_text(self.seconds, self.of)
         longest = "" if math.isnan(self.longest) else f"the longest so far took {self.longest:.3g} s; "
         return text if self.given is not None else f"{text} ({longest}timeout sets another)"
 

@@ -76,6 +76,11 @@ def process_error(board: Board, code: int | None, *, limit: str = "") -> Process
     return ProcessError(f"{where} {what}.{why}", instance, function, time=time, status=status)
 
 
+def limit_text(seconds: float, of: str) -> str:
+    """What took too long, for ``process_error``: a limit in s ``of`` a run or another part of the work."""
+    return f"when {seconds:g} s had passed, the limit for {of}"
+
+
 def signal_text(number: int) -> str:
     """The name and the meaning of a signal that ended a process, as text."""
     try:

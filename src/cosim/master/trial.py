@@ -32,7 +32,7 @@ from ..system.system import System, make_system
 from ..system.unconnected import fitting_outputs, unconnected_inputs
 from ..system.values import is_numeric, show_start, start_value, unit_suffix
 from .board import Board, mapped
-from .failure import process_error
+from .failure import limit_text, process_error
 from .process import shared_memory
 from .simulation import Simulation
 
@@ -89,7 +89,7 @@ class Trial:
         try:
             code = self._process.wait(seconds)
         except subprocess.TimeoutExpired:
-            limit = f"when {seconds:g} s had passed, the limit for the initialization"
+            limit = limit_text(seconds, "the initialization")
             return Findings(str(process_error(self._board, None, limit=limit)))
         if self._file.is_file():
             found: dict[str, Any] = json.loads(self._file.read_text(encoding="utf-8"))

@@ -31,7 +31,7 @@ import numpy as np
 from ..errors import DescriptionError
 from ..files import forbidden_library, temporary_folder
 from ..master.board import Board, mapped
-from ..master.failure import process_error
+from ..master.failure import limit_text, process_error
 from ..master.interrupts import held_back
 from ..master.process import shared_memory
 from ..reference import fmi_ls_ref as lsref
@@ -284,8 +284,7 @@ def _answer(pipe: Any, process: Any, board: Board, way: _Way) -> tuple[str, dict
     except EOFError:
         process.join()
         return str(process_error(board, process.exitcode)), None, True
-    limit = f"when {way.timeout:g} s had passed, the limit for a run"
-    return str(process_error(board, None, limit=limit)), None, True
+    return str(process_error(board, None, limit=limit_text(way.timeout, "a run"))), None, True
 
 
 def _child(pipe: Any, folder: str, jobs: list[dict[str, Any]], printed: str, memory: Path) -> None:
